@@ -18,7 +18,7 @@ from pipeline.inspection.report import inspect as look
 from pipeline.opening.bag_contents import Contents, TopicSummary
 from pipeline.readers.bag import Bag
 from tests.inspection.scanner import assert_says, scan
-from tests.readers.bags import KINDS, START_NS, STEP_NS, at, bag_path, drive
+from tests.readers.bags import KINDS, START_NS, STEP_NS, at, bag_path, cloud, drive
 from tests.readers.damage import damaged, one_line
 from tests.readers.test_bag_fuzz import files
 
@@ -75,13 +75,7 @@ def test_clouds_that_lie_in_the_world_already_are_refused_as_proposed(tmp_path: 
     with BagWriter(tmp_path / "drive", "mcap") as bag:
         for i in range(20):
             bag.odometry(START_NS + i * STEP_NS, "camera_init", "body", at(i))
-            bag.points(
-                START_NS + i * STEP_NS,
-                "camera_init",
-                np.ones((5, 3), np.float32),
-                np.ones(5),
-                np.arange(5),
-            )
+            cloud(bag, START_NS + i * STEP_NS, "camera_init", np.ones((5, 3)))
     found = inspect(tmp_path / "drive")
     (warning,) = found.warnings
     assert "refuses the bag as proposed" in warning
@@ -93,10 +87,7 @@ def test_a_cloud_in_the_robots_frame_is_proposed_before_one_in_the_world(tmp_pat
         for i in range(20):
             bag.odometry(START_NS + i * STEP_NS, "map", "body", at(i))
             for topic, frame in (("/a_map", "map"), ("/body", "body")):
-                stamp_ns = START_NS + i * STEP_NS
-                bag.points(
-                    stamp_ns, frame, np.ones((5, 3), np.float32), np.ones(5), np.arange(5), topic
-                )
+                cloud(bag, START_NS + i * STEP_NS, frame, np.ones((5, 3)), topic=topic)
     assert proposed(tmp_path / "drive")["points"] == "/body"
 
 
@@ -119,16 +110,9 @@ def test_the_proposal_can_be_pasted_from_a_terminal_of_any_width(tmp_path: Path)
 def test_the_ground_of_the_first_cloud_is_lifted_to_zero(tmp_path: Path) -> None:
     # The scanner stands 1.8 m over the ground; base_link is its frame.
     with BagWriter(tmp_path / "drive", "mcap") as bag:
-        points = (scan() - (0, 0, 1.8)).astype(np.float32)
         for i in range(3):
             bag.odometry(START_NS + i * STEP_NS, "map", "base_link", at(i))
-            bag.points(
-                START_NS + i * STEP_NS,
-                "base_link",
-                points,
-                np.zeros(len(points)),
-                np.zeros(len(points)),
-            )
+            cloud(bag, START_NS + i * STEP_NS, "base_link", scan() - (0, 0, 1.8))
     keys = proposed(tmp_path / "drive")
     assert keys.pop("submap") == "single"
     assert keys["lift_m"] == pytest.approx(1.8, abs=0.05)
@@ -161,7 +145,7 @@ def test_transforms_serve_where_no_topic_does(tmp_path: Path) -> None:
 def test_warnings_say_that_poses_drift_and_extrinsics_are_missing(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "drive.bag", "ros1") as bag:
         bag.odometry(START_NS, "odom", "base_link", at(0))
-        bag.points(START_NS, "os_lidar", np.ones((2, 3), np.float32), np.zeros(2), np.zeros(2))
+        cloud(bag, START_NS, "os_lidar", np.ones((2, 3)))
     drift, extrinsic = inspect(tmp_path / "drive.bag").warnings
     assert drift.startswith("the only poses are in the frame odom, which starts anew")
     assert "poses=slam" in drift

@@ -9,33 +9,25 @@ import pytest
 
 from pipeline.cli import main
 from pipeline.core.errors import LogError
-from pipeline.core.frames import pose
 from pipeline.formats.bag import BagWriter
 from pipeline.online.follow import Following
 from pipeline.online.odometry import Newest
 from tests.online.made import packed, scan
 from tests.posing.scene import planar, seen_from
+from tests.readers.bags import BODY_T_LIDAR, START_NS, cloud
 
-START_NS = 1_700_000_000_000_000_000
 COUNT = 24
-BODY_T_LIDAR = pose(np.array([[0.5, 0.0, 1.5]]), np.array([[0.0, 0.0, np.pi / 2]]))[0]
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """The bytes of a recording of COUNT clouds, a tenth of a second apart."""
     folder = tmp_path_factory.mktemp("recorded") / "day"
-    points_m = seen_from(scan()[0], BODY_T_LIDAR).astype(np.float32)
+    points_m = seen_from(scan()[0], BODY_T_LIDAR)
     with BagWriter(folder, "mcap") as bag:
         bag.static_transform(START_NS, "base_link", "lidar", BODY_T_LIDAR)
         for i in range(COUNT):
-            bag.points(
-                START_NS + i * 10**8,
-                "lidar",
-                points_m,
-                np.ones(len(points_m)),
-                np.zeros(len(points_m), int),
-            )
+            cloud(bag, START_NS + i * 10**8, "lidar", points_m)
     (file,) = folder.glob("*.mcap")
     return file.read_bytes()
 
@@ -84,7 +76,6 @@ def test_the_command_follows_a_recording(
 @pytest.mark.parametrize("odometry", ["/wheels", "tf:odom>base_link"])
 def test_odometry_is_interpolated_at_the_stamps_of_clouds(tmp_path: Path, odometry: str) -> None:
     """A robot drives at 1 m/s; each cloud is stamped half way between two of its poses."""
-    points_m = np.ones((9, 3), np.float32)
     clouds = 4
     poses = 10
     with BagWriter(tmp_path / "day", "mcap") as bag:
@@ -96,9 +87,7 @@ def test_odometry_is_interpolated_at_the_stamps_of_clouds(tmp_path: Path, odomet
             else:
                 bag.transform(stamp_ns, "odom", "base_link", planar(i / 10, 0, 0))
             if i < clouds:
-                bag.points(
-                    stamp_ns + 5 * 10**7, "base_link", points_m, np.ones(9), np.zeros(9, int)
-                )
+                cloud(bag, stamp_ns + 5 * 10**7, "base_link", np.ones((9, 3)))
     (file,) = (tmp_path / "day").glob("*.mcap")
     seen = list(Following(file, None, 0.0, 0.3, odometry).scans())
     xs_m = [one.odom_T_scan[0, 3] for one in seen]

@@ -13,9 +13,8 @@ from pipeline.online.follow import Following
 from pipeline.online.inputs import scans
 from pipeline.opening.opening import unposed
 from tests.posing.scene import planar
+from tests.readers.bags import START_NS, STEP_NS, cloud
 
-START_NS = 1_700_000_000_000_000_000
-STEP_NS = 100_000_000
 READER = {"_target_": "pipeline.readers.bag.Bag", "truth": None, "odometry": "/wheels"}
 """The reader of a site whose data set is bags with estimated poses."""
 OTHER = {"_target_": "pipeline.readers.carmen.Carmen"}
@@ -34,14 +33,9 @@ def bag(tmp_path: Path) -> Path:
             stamp_ns = START_NS + row * STEP_NS
             writer.odometry(stamp_ns, "odom", "base_link", planar(row, 0, 0), "/wheels")
         for row in range(3):
-            writer.points(
-                START_NS + row * STEP_NS,
-                "base_link",
-                np.array([[3, 0, 0], [3, 0, 0]], np.float32),
-                np.ones(2),
-                np.zeros(2, int),
-                times_s=np.array([0.0, 0.05]),
-            )
+            points_m = [[3, 0, 0], [3, 0, 0]]
+            times_s = np.array([0.0, 0.05])
+            cloud(writer, START_NS + row * STEP_NS, "base_link", points_m, times_s=times_s)
     return tmp_path / "day"
 
 
@@ -74,14 +68,12 @@ def test_of_several_bags_the_topic_with_most_clouds_in_all_is_read(tmp_path: Pat
     """Four clouds in front and three behind, of which the later bag has one and two."""
     counts = {"first": {"/front": 3, "/rear": 1}, "later": {"/front": 1, "/rear": 2}}
     stamp_ns = START_NS
-    points_m = np.ones((2, 3), np.float32)
     for folder, counts_by_topic in counts.items():
         with BagWriter(tmp_path / "day" / folder, "mcap") as writer:
             for topic, count in counts_by_topic.items():
                 for _ in range(count):
                     stamp_ns += STEP_NS
-                    rings = np.zeros(2, int)
-                    writer.points(stamp_ns, "base_link", points_m, np.ones(2), rings, topic)
+                    cloud(writer, stamp_ns, "base_link", np.ones((2, 3)), topic=topic)
     assert len(list(scans(str(tmp_path / "day"), OTHER, 0.0))) == 4
 
 
@@ -107,8 +99,7 @@ def mounted(folder: Path, topic: str, **transforms: np.ndarray) -> Path:
         for stamp_ns in (START_NS, START_NS + 2 * STEP_NS):
             for child, base_T_child in transforms.items():
                 writer.transform(stamp_ns, "base_link", child, base_T_child, topic)
-        point_m = np.array([[1, 0, 0]], np.float32)
-        writer.points(START_NS + STEP_NS, "laser", point_m, np.ones(1), np.zeros(1, int))
+        cloud(writer, START_NS + STEP_NS, "laser", [[1, 0, 0]])
     return folder
 
 
@@ -150,8 +141,7 @@ def test_a_lidar_that_nothing_places_on_the_frame_of_the_odometry_is_refused_or_
         for row in range(3):
             stamp_ns = START_NS + row * STEP_NS
             writer.odometry(stamp_ns, "odom", "base_link", planar(row, 0, 0), "/odom")
-            point_m = np.array([[1, 0, 0]], np.float32)
-            writer.points(stamp_ns, "laser", point_m, np.ones(1), np.zeros(1, int))
+            cloud(writer, stamp_ns, "laser", [[1, 0, 0]])
     with pytest.raises(LogError, match=r"lead from base_link to laser, .* give --body-T-lidar"):
         next(scans(str(tmp_path / "day"), OTHER, 0.0, odometry="/odom"))
     assert len(list(scans(str(tmp_path / "day"), OTHER, 0.0))) == 3

@@ -1,6 +1,7 @@
 """Writes small bags with known content for the tests, of all three kinds."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,12 @@ def at(x_m: float, yaw_rad: float = 0.0) -> np.ndarray:
 def bag_path(root: Path, kind: str, name: str = "drive") -> Path:
     """The path of a bag of this kind: a file for `ros1`, else a folder."""
     return root / (f"{name}.bag" if kind == "ros1" else name)
+
+
+def cloud(bag: BagWriter, stamp_ns: int, frame: str, points_m: Any, **details: Any) -> None:
+    """Write a cloud (n, 3) of one intensity and ring; `details` are those of BagWriter.points."""
+    points = np.asarray(points_m, np.float32)
+    bag.points(stamp_ns, frame, points, np.ones(len(points)), np.zeros(len(points), int), **details)
 
 
 def drive(path: Path, kind: str, clouds: int = 4, first: int = 0) -> Path:
