@@ -87,7 +87,8 @@ class ResultsTable:
         The study's further cell sizes (`cells`) have only rows of single models, of plain ones.
         """
         study = self.study
-        for grid in self._all_grids():
+        grids = study.all_grids if study.asks_about_the_year else ()
+        for grid in [cells.name for cells in grids]:
             is_own = grid in study.grid_names
             models = [model for model in study.answerers if is_own or _is_plain(model)]
             sequences = (*study.tests, *study.stress) if is_own else study.tests
@@ -167,11 +168,6 @@ class ResultsTable:
                         yield place | {"sequence": path.stem} | columns
                 for columns in reconstruction_rows(store.read_model(self._train(grid, model))):
                     yield place | columns
-
-    def _all_grids(self) -> list[str]:
-        """The names of all cell sizes at which places are ranked, the study's own among them."""
-        grids = self.study.all_grids if self.study.asks_about_the_year else ()
-        return [grid.name for grid in grids]
 
     def _lifelong(self) -> TableRows:
         """Rows of every model after each day that it learned, by each order and strategy."""

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import distributions
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,24 +32,12 @@ MillisecondsByName = Mapping[str, NDArray[np.float64]]
 """Wall times (query,) in milliseconds, of each view or method by name."""
 
 
-class Call(NamedTuple):
-    """One of the calls that a query is timed in."""
+CallTimes = dict[tuple[str, str], tuple[float, float]]
+"""Wall and CPU time in milliseconds of all calls of one query.
 
-    part: Literal["view", "network", "method"]
-    """Drawing a view, a network's descriptor of it, or all that a method makes of it."""
-    name: str
-    """Name of the view, else of the method."""
-
-
-class CallTime(NamedTuple):
-    """How long one call took."""
-
-    wall_ms: float
-    cpu_ms: float
-
-
-CallTimes = dict[Call, CallTime]
-"""The times of all calls of one query."""
+A call is the drawing of a view ("view", its name), a network's descriptor of it ("network", the
+method's name), or all that a method makes of it ("method", its name).
+"""
 WARM_UP = 3
 """The first query is asked this often before it counts: that compiles, allocates, fills caches."""
 PACKAGES = ("numpy", "numba", "torch", "faiss-cpu")
@@ -128,20 +116,19 @@ class Latency:
                     _ask(methods, cloud, stamp_ns, pose, k)
             query_times.append(_ask(methods, cloud, stamp_ns, pose, k))
             point_counts.append(len(cloud))
-        calls = query_times[0].keys()
-        wall_ms = {call: np.array([times[call].wall_ms for times in query_times]) for call in calls}
-        cpu_ms = {call: np.array([times[call].cpu_ms for times in query_times]) for call in calls}
-        busy = np.sum([*cpu_ms.values()]) / np.sum([*wall_ms.values()])
+        of_call = {
+            call: np.array([times[call] for times in query_times]).T for call in query_times[0]
+        }
+        wall_ms = {call: wall for call, (wall, _) in of_call.items()}
+        busy = sum(cpu.sum() for _, cpu in of_call.values()) / np.sum([*wall_ms.values()])
         views = {name: method.view for name, method in methods.items()}
-        generation = {view: wall_ms[Call("view", view)] for view in views.values()}
+        generation = {view: wall_ms["view", view] for view in views.values()}
         description = {
-            name: wall_ms[Call("network", name)]
-            for name, method in methods.items()
-            if method.describe
+            name: wall_ms["network", name] for name, method in methods.items() if method.describe
         }
         retrieval = {}
         for name in methods:
-            without_network_ms = wall_ms[Call("method", name)] - description.get(name, 0.0)
+            without_network_ms = wall_ms["method", name] - description.get(name, 0.0)
             retrieval[name] = np.maximum(without_network_ms, 0.0)
         machine = machine_record(float(busy))
         return cls(generation, retrieval, views, np.array(point_counts), k, machine, description)
@@ -267,20 +254,20 @@ def _ask(
     images = {}
     draw_of_view = {method.view: method.draw for method in methods.values()}
     for view, draw in draw_of_view.items():
-        images[view], times[Call("view", view)] = _timed(draw, cloud)
+        images[view], times["view", view] = _timed(draw, cloud)
     for name, method in methods.items():
         query = Rows(images[method.view][None], stamp_ns, pose)
         if method.describe:
-            _, times[Call("network", name)] = _timed(method.describe, query)
-        _, times[Call("method", name)] = _timed(method.localize, query, k)
+            _, times["network", name] = _timed(method.describe, query)
+        _, times["method", name] = _timed(method.localize, query, k)
     return times
 
 
-def _timed(call: Callable[..., Any], *arguments: Any) -> tuple[Any, CallTime]:
-    """The result of a call, and how long it took."""
+def _timed(call: Callable[..., Any], *arguments: Any) -> tuple[Any, tuple[float, float]]:
+    """The result of a call, and its wall and CPU time in milliseconds."""
     start_s = time.perf_counter()
     start_cpu_s = time.process_time()
     result = call(*arguments)
     wall_ms = 1e3 * (time.perf_counter() - start_s)
     cpu_ms = 1e3 * (time.process_time() - start_cpu_s)
-    return result, CallTime(wall_ms, cpu_ms)
+    return result, (wall_ms, cpu_ms)
