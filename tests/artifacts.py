@@ -35,7 +35,7 @@ def write_scans(
     """Scans of points (n, 3) each; if nothing is said, their odometry is the truth."""
     count = len(points)
     columns = {
-        "points": np.rint(np.concatenate(points) / GRAIN_M).astype(np.int16),
+        "points": np.rint(np.concatenate([np.empty((0, 3)), *points]) / GRAIN_M).astype(np.int16),
         "offsets": np.cumsum([0, *map(len, points)]),
         "stamps_ns": np.arange(count) if stamps_ns is None else stamps_ns,
         "world_T_scan": world_T_scan,

@@ -318,7 +318,7 @@ def _job(record: Record, settings: Mapping[str, str], tags: Mapping[str, str]) -
         name=_short(settings) or f"job {record.number}",
         tags={**tags, **failed},
         params=settings,
-        series=days_series(rows[~rows["number"].isin(NOT_OF_JOBS)]),
+        series=days_series(rows[(rows["ask"] == UNPERTURBED) & ~rows["number"].isin(NOT_OF_JOBS)]),
     )
 
 

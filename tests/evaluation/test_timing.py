@@ -62,7 +62,7 @@ def drive(
     points_m = np.random.default_rng(1).normal(0, (9, 5, 2), (lengths.sum(), 3))
     last = np.arange(sweeps - 1, scans)
     poses = standing(np.c_[2.0 * np.arange(scans), np.zeros(scans)])
-    clouds = np.split(points_m, np.cumsum(lengths)[:-1])
+    clouds = np.split(points_m, np.cumsum(lengths)[:-1])[:scans]
     return (
         write_scans(
             folder / f"scans/campus/{sequence}.zarr",
