@@ -112,8 +112,13 @@ class Footprint:
     cell_m: float
 
     @classmethod
-    def of(cls, points_m: NDArray[np.float64]) -> Self | None:
-        """Of points (n, 3) in the world of what stood there; None without points."""
+    def of(
+        cls, points_m: NDArray[np.float64], noise_points: int = MOST_NOISE_POINTS
+    ) -> Self | None:
+        """Of points (n, 3) in the world of what stood there; None without points.
+
+        So many points in a cell, or fewer, are taken for noise.
+        """
         xy_m = points_m[:, :2]
         if not len(xy_m):
             return None
@@ -122,7 +127,7 @@ class Footprint:
         column, row = np.floor((xy_m - corner_m) / cell_m).astype(np.int64).T
         counts = np.zeros((row.max() + 1, column.max() + 1), np.int64)
         np.add.at(counts, (row, column), 1)
-        return cls(counts > MOST_NOISE_POINTS, corner_m, cell_m)
+        return cls(counts > noise_points, corner_m, cell_m)
 
     def draw(self, axes: "Axes") -> None:
         """Draw the cells in grey on a panel whose coordinates are those of the world."""

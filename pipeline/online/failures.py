@@ -53,7 +53,7 @@ def draw(targets: Targets, fix: JudgedFix, path: Path, heading_end: str) -> None
             moved(targets.world_T_anchor[row], standing(targets.points_m(row)))
             for row in nearest.tolist()
         ]
-        footprint = Footprint.of(np.concatenate(map_m))
+        footprint = Footprint.of(np.concatenate(map_m), noise_points=0)  # a map is thinned
         ink = INKS[fix.accepted]
         scan_on_map(axes, footprint, fix.standing_m(), world_T_scan, ink, SHOWN_M)
         axes.set_xlabel(f"{2 * SHOWN_M:g} m across: the map grey, the scan in colour")
