@@ -121,7 +121,7 @@ def read(folder: Path, name: str) -> Sweeps:
 def trial(sweeps: Sweeps, name: str, share: float, queries: int) -> Trial:
     """Map the first part of a log and ask for sweeps of the rest."""
     first = int(share * len(sweeps.world_T_sweep))
-    day = LevelDay.learned(sweeps.part(0, first), UNSEEN_SHARE, LevelHeldOut(most=HELD_OUT))
+    day = LevelDay.of(sweeps.part(0, first), UNSEEN_SHARE, LevelHeldOut(most=HELD_OUT))
     asked = sweeps.part(first, len(sweeps.world_T_sweep))
     count = len(asked.world_T_sweep)
     rows = np.unique(np.linspace(0, count - 1, min(queries, count)).round().astype(int))

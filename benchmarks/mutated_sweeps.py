@@ -32,6 +32,7 @@ from pipeline.level.level_map import Drawing
 from pipeline.level.sweeps import OVER_M
 from pipeline.level.verdict import NO_EVIDENCE, OF_SWEEPS, verdict_of
 from pipeline.online.level_pack import UNSEEN_SHARE
+from pipeline.posing.learning import Learned
 from pipeline.posing.verdict import PROMISES
 
 BUILDINGS = ("fhw", "seattle", "csail", "aces", "freiburg-101")
@@ -120,7 +121,7 @@ def building(sweeps: Sweeps) -> tuple[LevelDay, Sweeps]:
     drawing = Drawing.of([mapped.points(row) for row in range(half)], mapped.world_T_sweep)
     verdict = verdict_of(NO_EVIDENCE, UNSEEN_SHARE)
     asked = sweeps.part(half, len(sweeps.world_T_sweep))
-    return LevelDay(drawing.level_map(), verdict, LevelFixer()), asked
+    return LevelDay(drawing.level_map(), Learned(verdict, 0), LevelFixer()), asked
 
 
 def mutated(

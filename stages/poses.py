@@ -4,32 +4,32 @@ A method's ranking of places gives candidates. Each query's points are registere
 submaps there, and the best pose is its fix. The stage writes the fixes of each test sequence: the
 pose, the places re-ranked by it, and a doubt (one minus the chance that the pose is right) with the
 limits from which to reject it. The limits keep promised precisions on held-out blocks of the
-training sequence.
+training sequence; what these teach is written beside the fixes, for `yearloc pack`.
 
 Level sweeps, of a 2-D laser, are searched in a grid of the whole map instead.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from hydra.utils import instantiate
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from pipeline.core import schemas, store
 from pipeline.core.compute import Compute
 from pipeline.core.errors import InputError
 from pipeline.core.frames import LEVEL_RIGHT_WITHIN, RIGHT_WITHIN
 from pipeline.core.settings import Count, Names, Share
-from pipeline.level.day import LevelDay
+from pipeline.level.day import LevelDay, sweeps_basis
 from pipeline.level.held_out import LevelHeldOut, Sweeps
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Rows
 from pipeline.posing.answers import PosedQuery, Posing
 from pipeline.posing.held_out import Drive, TrainingDay
+from pipeline.posing.learning import VERDICT, Learned, basis
 from pipeline.posing.queries import Queries
-from pipeline.posing.verdict import Judge, Verdict
 from stages import EachSequence, ProgressBar, build, stage
 
 
@@ -69,23 +69,14 @@ class Settings(EachSequence):
     """The precision that accepted places keep."""
     unseen_share: Share
     """The share of unseen queries that the limits assume."""
-    held_out: Any
+    held_out: DictConfig
     """Registers the held-out blocks of the training sequence."""
     fixer: DictConfig
     """Registers a query at its candidate places."""
 
 
-@dataclass(frozen=True)
-class Learned:
-    """What the held-out blocks of the training day teach, and how queries are posed with it."""
-
-    verdict: Verdict
-    fix_count: int
-    """How many fixes of held-out queries the verdict was learned from."""
-    right_within: tuple[float, float]
-    """Metres and degrees within which a pose is right."""
-    posed_queries: Callable[[str], list[PosedQuery]]
-    """Finds the poses of the queries of a test sequence, given by its name."""
+PosedQueries = Callable[[str], list[PosedQuery]]
+"""Finds the poses of the queries of a test sequence, given by its name."""
 
 
 @stage("poses")
@@ -96,20 +87,24 @@ def main(settings: Settings) -> str:
     with instantiate(settings.compute) as compute, store.replace(settings.out) as folder:
         folder.mkdir()
         # choose the limits on the training day
+        right_within = LEVEL_RIGHT_WITHIN if sweeps.is_level else RIGHT_WITHIN
         if sweeps.is_level:
-            learned = learned_of_sweeps(settings, sweeps)
+            learned, posed_queries = learned_of_sweeps(settings, sweeps)
+            learned_with = sweeps_basis(sweeps, settings.unseen_share)
         else:
-            learned = learned_of_scans(settings, labels, compute)
+            learned, posed_queries = learned_of_scans(settings, labels, compute)
+            learned_with = scans_basis(settings)
+        learned.write(folder / f"{VERDICT}.zarr", learned_with)
         lines = [f"{learned.fix_count} fixes of {learned.verdict.held_out} held-out blocks"]
         posing = Posing(
             learned.verdict,
-            learned.right_within,
+            right_within,
             Places.of(labels),
             settings.wanted_precision,
         )
         # pose the queries of each test sequence
         sequences = settings.sequences
-        queries_of_sequences = compute.each(learned.posed_queries, sequences)
+        queries_of_sequences = compute.each(posed_queries, sequences)
         tracked = ProgressBar().track(queries_of_sequences, len(sequences), "register")
         for sequence, queries in zip(sequences, tracked, strict=True):
             rankings = store.read(settings.rankings / f"{sequence}.zarr", schemas.Rankings)
@@ -117,7 +112,9 @@ def main(settings: Settings) -> str:
     return "; ".join(lines)
 
 
-def learned_of_scans(settings: Settings, labels: schemas.Labels, compute: Compute) -> Learned:
+def learned_of_scans(
+    settings: Settings, labels: schemas.Labels, compute: Compute
+) -> tuple[Learned, PosedQueries]:
     """Register held-out blocks of 3-D scans with the map, and judge later queries by them."""
     name = f"{settings.train}.zarr"
     fixer = instantiate(settings.fixer, **(settings.budget.poses or {}))
@@ -131,15 +128,11 @@ def learned_of_scans(settings: Settings, labels: schemas.Labels, compute: Comput
         settings.method.localizer(store.read_model(settings.model)),
         settings.k,
     )
-    evidence = settings.held_out.evidence(fixer, day, compute, ProgressBar())
-    verdict = evidence.verdict(settings.unseen_share)
-    judge = Judge(verdict.pose, verdict.place)
-    fixer = replace(
-        fixer,
-        chances=judge.pose,
-        least_overlap=evidence.least_overlap,
-        expectations=evidence.expectations,
-    )
+    held_out = instantiate(settings.held_out)
+    evidence = held_out.evidence(fixer, day, compute, ProgressBar())
+    learned = Learned.of(evidence, evidence.verdict(settings.unseen_share))
+    fixer = learned.tuned(fixer)
+    judge = learned.judge
 
     def posed_queries(sequence: str) -> list[PosedQuery]:
         """Pose the queries of one sequence; it may run in a process of its own."""
@@ -150,12 +143,24 @@ def learned_of_scans(settings: Settings, labels: schemas.Labels, compute: Comput
         )
         return [PosedQuery.of(fix, judge) for fix in queries.fixes(fixer, map_path, settings.k)]
 
-    return Learned(verdict, len(evidence.fixes), RIGHT_WITHIN, posed_queries)
+    return learned, posed_queries
 
 
-def learned_of_sweeps(settings: Settings, sweeps: Sweeps) -> Learned:
+def scans_basis(settings: Settings) -> str:
+    """What the verdict on 3-D scans is learned with."""
+    fixer = cast(dict[str, Any], OmegaConf.to_container(settings.fixer))
+    return basis(
+        settings.model.read_bytes(),
+        fixer=fixer | dict(settings.budget.poses or {}),
+        held_out=OmegaConf.to_container(settings.held_out),
+        k=settings.k,
+        unseen_share=settings.unseen_share,
+    )
+
+
+def learned_of_sweeps(settings: Settings, sweeps: Sweeps) -> tuple[Learned, PosedQueries]:
     """Search a grid of level sweeps for held-out stretches, and judge later queries by them."""
-    day = LevelDay.learned(sweeps, settings.unseen_share, LevelHeldOut())
+    day = LevelDay.of(sweeps, settings.unseen_share, LevelHeldOut())
 
     def posed_queries(sequence: str) -> list[PosedQuery]:
         """Pose the queries of one sequence; it may run in a process of its own."""
@@ -170,7 +175,7 @@ def learned_of_sweeps(settings: Settings, sweeps: Sweeps) -> Learned:
         scans = store.read(settings.scans / name, schemas.Scans)
         return day.queries(scans, submaps.load("scans"))
 
-    return Learned(day.verdict, day.fix_count, LEVEL_RIGHT_WITHIN, posed_queries)
+    return day.learned, posed_queries
 
 
 if __name__ == "__main__":

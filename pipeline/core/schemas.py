@@ -2,8 +2,9 @@
 
 An artifact is what one stage of the chain writes for the next; `core.store` reads and writes it by
 these classes: Scans, Estimates (poses by SLAM), Submaps, Views, Labels, Rankings, Fixes (poses of
-queries), Maps, Lifelong. Two further kinds are in `pipeline.evaluation`, beside the functions that
-make them: Evaluations and ViewpointMatches. docs/artifacts.md is generated from all of them.
+queries), Maps, Verdicts, Lifelong. Two further kinds are in `pipeline.evaluation`, beside the
+functions that make them: Evaluations and ViewpointMatches. docs/artifacts.md is generated from all
+of them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -536,6 +537,47 @@ class Maps(Artifact, kind="maps", version=1):
     voxel_m: Annotated[float, "side of a voxel"]
     range_m: Annotated[float, "points farther from the anchor are left out"]
     single: Annotated[bool, "True if each submap is one scan, seen from one place"]
+
+
+@dataclass(frozen=True, eq=False)
+class Verdicts(Artifact, kind="verdict", version=1):
+    """What held-out blocks of the training day teach: when to believe a pose."""
+
+    pose_weights: Annotated[
+        NDArray[np.float64],
+        Array(("sign",), "weight of each sign in the chance that a pose is right"),
+    ]
+    place_weights: Annotated[
+        NDArray[np.float64],
+        Array(("sign",), "weight of each sign in the chance that a pose is near"),
+    ]
+    expected_xy_m: Annotated[
+        NDArray[np.float64],
+        Array(("right_fix", "xy"), "where a right fix of a held-out query is", unit="m"),
+    ]
+    expected_signs: Annotated[
+        NDArray[np.float64],
+        Array(("right_fix", "scan_sign"), "signs of a right fix, by which others are judged"),
+    ]
+    pose_offset: Annotated[float, "log odds of a pose to be right where all signs are 0"]
+    place_offset: Annotated[float, "log odds of a pose to be near where all signs are 0"]
+    promises: Annotated[tuple[float, ...], "precisions that a user may want of accepted poses"]
+    promised: Annotated[
+        tuple[float, ...], "for each promise, the doubt from which a pose is rejected to keep it"
+    ]
+    promised_place: Annotated[tuple[float, ...], "the same, that a query is near its pose"]
+    promised_several: Annotated[
+        tuple[float, ...], "the same, that one of a query's first poses is right"
+    ]
+    held_out: Annotated[int, "how many held-out blocks there are"]
+    unseen_share: Annotated[float, "share of queries that are expected where training never went"]
+    fix_count: Annotated[int, "how many fixes of held-out queries there are"]
+    least_overlap: Annotated[float, "overlap from which on a rough registration is refined"]
+    basis: Annotated[
+        str,
+        "what it was learned with, as JSON: a digest of the model or of the sweeps' poses, and the "
+        "settings; a site is packed from it only if its own are the same",
+    ]
 
 
 @dataclass(frozen=True, eq=False)

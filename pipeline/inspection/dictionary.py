@@ -16,6 +16,7 @@ from pipeline.core.schemas import (
     Rankings,
     Scans,
     Submaps,
+    Verdicts,
 )
 from pipeline.core.store import Artifact
 from pipeline.evaluation.judgement import Evaluations
@@ -31,6 +32,7 @@ KINDS: dict[str, type[Artifact]] = {
         Labels,
         Maps,
         Rankings,
+        Verdicts,
         Fixes,
         Evaluations,
         ViewpointMatches,

@@ -19,6 +19,7 @@ from pipeline.level.level_map import Drawing, LevelMap
 from pipeline.level.sweeps import OVER_M, Gathered
 from pipeline.level.verdict import LARGEST_DOUBT, USUAL, verdict_of
 from pipeline.posing.answers import PosedQuery
+from pipeline.posing.learning import Learned, basis
 from pipeline.posing.verdict import BELIEFS, Verdict
 
 
@@ -27,23 +28,34 @@ class LevelDay:
     """What is known of a building after the training day."""
 
     level_map: LevelMap
-    verdict: Verdict
+    learned: Learned
     fixer: LevelFixer
-    fix_count: int = 0
-    """How many fixes of held-out queries the verdict was tested on."""
 
     @classmethod
-    def learned(cls, sweeps: Sweeps, unseen_share: float, held_out: LevelHeldOut) -> Self:
+    def of(
+        cls,
+        sweeps: Sweeps,
+        unseen_share: float,
+        held_out: LevelHeldOut,
+        learned: Learned | None = None,
+    ) -> Self:
         """Draw the sweeps into a map, and test the verdict on held-out stretches of them.
 
         `unseen_share` is the share of queries to expect from places that the map does not have.
+        Where a verdict was `learned` before, nothing is held out.
         """
         rows = range(len(sweeps.world_T_sweep))
         drawing = Drawing.of([sweeps.points(row) for row in rows], sweeps.world_T_sweep)
         fixer = LevelFixer()
-        evidence = held_out.evidence(fixer, sweeps, drawing, OVER_M)
-        verdict = verdict_of(evidence, unseen_share)
-        return cls(drawing.level_map(), verdict, fixer, len(evidence.fixes))
+        if learned is None:
+            evidence = held_out.evidence(fixer, sweeps, drawing, OVER_M)
+            learned = Learned.of(evidence, verdict_of(evidence, unseen_share))
+        return cls(drawing.level_map(), learned, fixer)
+
+    @property
+    def verdict(self) -> Verdict:
+        """The verdict on its fixes."""
+        return self.learned.verdict
 
     @cached_property
     def field(self) -> Field:
@@ -66,3 +78,8 @@ class LevelDay:
         if may_be_believed and self.fixer.is_misread(self.field, gathered, fix):
             return replace(query, doubts=np.ones(len(BELIEFS)))
         return query
+
+
+def sweeps_basis(sweeps: Sweeps, unseen_share: float) -> str:
+    """What the verdict of a day of sweeps is learned with (posing/learning.py)."""
+    return basis(sweeps.world_T_sweep.tobytes(), unseen_share=unseen_share)

@@ -14,7 +14,7 @@ from pipeline.core.errors import ArtifactError, InputError
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import Scans
 from pipeline.formats import nav2_map
-from pipeline.level.day import LevelDay
+from pipeline.level.day import LevelDay, sweeps_basis
 from pipeline.level.fix import LevelFixer
 from pipeline.level.held_out import LevelHeldOut, Sweeps
 from pipeline.level.level_map import LevelMap
@@ -27,6 +27,7 @@ from pipeline.online.site_json import (
     Provenance,
     Sensor,
 )
+from pipeline.posing.learning import Learned
 from pipeline.posing.verdict import Verdict
 
 UNSEEN_SHARE = 0.2
@@ -61,11 +62,17 @@ def pack_sweeps(
     simulated: bool,
     reader: Mapping[str, Any],
     progress: Progress,
+    verdict: Path,
 ) -> str:
-    """Write the site of a training day's level sweeps; returns what it holds, in a line."""
+    """Write the site of a training day's level sweeps; returns what it holds, in a line.
+
+    `verdict` is the artifact that the stage `poses` wrote; without it stretches are held out here.
+    """
     sweeps = Sweeps.of(scans, is_posed=True)
-    progress.tell(f"draw {len(sweeps.world_T_sweep)} sweeps, localise held-out stretches")
-    day = LevelDay.learned(sweeps, UNSEEN_SHARE, LevelHeldOut())
+    learned = Learned.read(verdict, sweeps_basis(sweeps, UNSEEN_SHARE))
+    what = "draw" if learned else "localise held-out stretches of"
+    progress.tell(f"{what} {len(sweeps.world_T_sweep)} sweeps")
+    day = LevelDay.of(sweeps, UNSEEN_SHARE, LevelHeldOut(), learned)
     return _write(out, name, simulated, day.level_map, day.verdict, reader, train, None)
 
 

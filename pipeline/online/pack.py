@@ -2,7 +2,8 @@
 
 1. Read the model and the artifacts of its training day.
 2. Thin the day's submaps into a map, unless that is an artifact already.
-3. Localise held-out blocks of the day, and learn from them when a fix is to be believed.
+3. Read when a fix is to be believed, as the stage `poses` has learned it from held-out blocks of
+   the day; or learn it here.
 4. Write all of it, with what it was made of, into one file.
 
 A model of level sweeps becomes a level site (level_pack.py).
@@ -42,6 +43,7 @@ from pipeline.online.site_json import (
     SiteDescription,
 )
 from pipeline.posing.held_out import Drive, HeldOut, TrainingDay
+from pipeline.posing.learning import VERDICT, Learned, basis
 from pipeline.posing.targets import write_map
 from pipeline.posing.verdict import PROMISES
 from pipeline.running.dvc_files import DvcLock
@@ -75,6 +77,8 @@ class Trained:
     views: Path
     map: Path
     """The day's map; it may be missing, and is then made."""
+    verdict: Path
+    """What held-out blocks taught the stage `poses`; it may be missing, and is then learned."""
 
     @classmethod
     def named(cls, layout: Layout, studies: Mapping[str, Study], name: str) -> Self:
@@ -98,6 +102,7 @@ class Trained:
             layout.path("submaps", dataset, train),
             layout.path("views", dataset, view, train),
             layout.path("map", dataset, train),
+            layout.path("poses", dataset, grid, model_name, VERDICT),
         )
 
     @property
@@ -126,7 +131,16 @@ class Packing:
         reader = read_yaml(self.conf / "dataset" / f"{trained.dataset}.yaml")["reader"]
         is_single = (submaps.load("first") == submaps.load("scans")).all()
         if not is_single and Sweeps.of(scans).is_level:
-            return pack_sweeps(name, out, scans, trained.train, trained.simulated, reader, progress)
+            return pack_sweeps(
+                name,
+                out,
+                scans,
+                trained.train,
+                trained.simulated,
+                reader,
+                progress,
+                trained.verdict,
+            )
         if not is_single:
             raise ConfigError(
                 f"{name}: its submaps gather several scans, or sweeps that are not level; a site "
@@ -142,6 +156,12 @@ class Packing:
         fixer, held_out = (build(settings[key], site.ROOTS) for key in ("fixer", "held_out"))
         assert isinstance(held_out, HeldOut)
 
+        learned_with = basis(
+            trained.model.read_bytes(),
+            **{key: settings[key] for key in ("fixer", "held_out", "k", "unseen_share")},
+        )
+        learned = Learned.read(trained.verdict, learned_with)
+
         # the map, and held-out blocks localised in it
         with TemporaryDirectory() as scratch:
             map_path = trained.map
@@ -149,24 +169,30 @@ class Packing:
                 map_path = Path(scratch, map_path.name)
                 self._write_map(map_path, scans, submaps, progress)
             site_map = store.read(map_path, schemas.Maps)
-            localizer = build(recipe, site.ROOTS).localizer(trained_model)
             views = Rows.read(trained.views)
-            drive = Drive(Path(scans.path), Path(submaps.path))
-            learned_day = TrainingDay(
-                map_path, drive, views, labels.load("places"), build(view, site.ROOTS), localizer, k
-            )
-            with Compute("processes") as compute:
-                evidence = held_out.evidence(fixer, learned_day, compute, progress)
+            if learned is None:
+                learned_day = TrainingDay(
+                    map_path,
+                    Drive(Path(scans.path), Path(submaps.path)),
+                    views,
+                    labels.load("places"),
+                    build(view, site.ROOTS),
+                    build(recipe, site.ROOTS).localizer(trained_model),
+                    k,
+                )
+                with Compute("processes") as compute:
+                    evidence = held_out.evidence(fixer, learned_day, compute, progress)
+                learned = Learned.of(evidence, evidence.verdict(settings["unseen_share"]))
             arrays = {key: site_map.load(key) for key in schemas.Maps.columns}
 
-        # when to believe a fix, and all that the site says of itself
-        verdict = evidence.verdict(settings["unseen_share"])
+        # all that the site says of itself
+        verdict = learned.verdict
         description = SiteDescription(
             name=name,
             simulated=trained.simulated,
             method=recipe,
             view=view,
-            fixer=settings["fixer"] | {"least_overlap": evidence.least_overlap},
+            fixer=settings["fixer"] | {"least_overlap": learned.least_overlap},
             k=k,
             places=Grid(labels.cell_m, labels.x_m, labels.y_m),
             map=MapSettings(site_map.grain_m, site_map.range_m, site_map.single),
@@ -181,12 +207,12 @@ class Packing:
         model = {
             key: array for key, array in trained_model.items() if not key.startswith(NOT_PACKED)
         }
-        arrays = {**arrays, "cells": labels.cells, **evidence.expectations.arrays}
+        arrays = {**arrays, "cells": labels.cells, **learned.expectations.arrays}
         growth_views = learned_from(views, trained_model)
         site_file.write(out, site_file.Parts(description, model, arrays, None, growth_views))
         places = f"{len(Places.of(labels).cells)} places, {len(arrays['world_T_anchor'])} submaps"
         return (
-            f"{out}: {places}, {out.stat().st_size / 1e6:.1f} MB; by {evidence.blocks} held-out "
+            f"{out}: {places}, {out.stat().st_size / 1e6:.1f} MB; by {verdict.held_out} held-out "
             f"blocks it {_promised_words(description.verdict.kept)}"
         )
 

@@ -34,7 +34,7 @@ LEAST_DOUBT = 1e-9
 """Doubts are cut off here before their log-odds are taken."""
 AnyFix = Registered[Any]
 """A fix of a 3-D scan or of level sweeps."""
-FixT = TypeVar("FixT", bound=AnyFix)
+FixT_co = TypeVar("FixT_co", bound=AnyFix, covariant=True)
 Beliefs = Mapping[str, tuple[float, ...]]
 """For each of BELIEFS the doubts from which on to reject it, one for each promise."""
 
@@ -142,10 +142,10 @@ class Verdict:
 
 
 @dataclass(frozen=True)
-class Evidence(Generic[FixT]):
+class Evidence(Generic[FixT_co]):
     """Fixes of held-out queries, each asked in several ways; one of them as a place never seen."""
 
-    fixes: Sequence[FixT]
+    fixes: Sequence[FixT_co]
     world_T_true: Poses
     """(fix, 4, 4) the true poses."""
     unseen: NDArray[np.bool_]
@@ -161,7 +161,7 @@ class Evidence(Generic[FixT]):
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
         """The evidence of several maps, whose blocks are numbered on."""
-        fixes: list[FixT] = []
+        fixes: list[FixT_co] = []
         blocks = [np.empty(0, np.int64)]
         first_block = 0
         for part in parts:

@@ -41,7 +41,7 @@ def day(tmp_path_factory: pytest.TempPathFactory) -> LevelDay:
     trained = scans(tmp_path_factory.mktemp("hall") / "monday", 0, 1.0)
     sweeps = Sweeps.of(trained, is_posed=True)
     assert sweeps.is_level
-    return LevelDay.learned(sweeps, 0.2, LevelHeldOut(most=6))
+    return LevelDay.of(sweeps, 0.2, LevelHeldOut(most=6))
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hydra import compose, initialize_config_dir
 
+import stages.poses
 from pipeline.core import schemas, store
 from pipeline.core.errors import ConfigError, InputError
 from pipeline.core.progress import Progress
@@ -15,6 +17,10 @@ from pipeline.methods.scan_context import ScanContext50
 from pipeline.online.description import describe
 from pipeline.online.pack import Packing, Trained
 from pipeline.online.site import Site
+from pipeline.posing.held_out import HeldOut
+from pipeline.posing.learning import Learned, basis
+from pipeline.posing.targets import write_map
+from pipeline.running.texts import read_yaml
 from pipeline.studies.layout import Layout
 from pipeline.views.draw import AS_DRIVEN
 from pipeline.views.scan_context import ScanContext
@@ -80,6 +86,42 @@ def test_a_packed_site_localises_a_scan(project: Path, tmp_path: Path) -> None:
     assert 0 < site.fixer.least_overlap <= 0.3  # it is learned from held-out blocks
     assert site.description.provenance.train == "monday"
     assert "site three/10m/scan_context" in describe(tmp_path / "three.site").text()
+
+
+def test_a_site_is_packed_from_the_verdict_of_the_stage_poses(
+    project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same bytes, and no held-out block is registered a second time."""
+    packed(project, "three/10m/scan_context", tmp_path / "learned.site")
+    made = project / "artifacts"
+    scans = store.read(made / "scans/three/monday.zarr", schemas.Scans)
+    submaps = store.read(made / "submaps/three/monday.zarr", schemas.Submaps)
+    settings = read_yaml(ROOT / "conf/map.yaml")
+    lengths = {key: value for key, value in settings.items() if key.endswith("_m")}
+    write_map(made / "map/three/monday.zarr", scans, submaps, **lengths)
+    words = [
+        "method=scan_context",
+        "view=scan_context",
+        "train=monday",
+        "sequences=[]",
+        "compute=threads",
+        f"model={made}/train/three/10m/scan_context.zarr.zip",
+        f"views={made}/views/three/scan_context",
+        f"rankings={made}/localize/three/10m/scan_context",
+        f"map={made}/map/three",
+        f"labels={made}/labels/three/10m",
+        f"scans={made}/scans/three",
+        f"submaps={made}/submaps/three",
+        f"out={made}/poses/three/10m/scan_context",
+    ]
+    with initialize_config_dir(str(ROOT / "conf"), version_base=None):
+        stages.poses.main.run(compose("poses", words))
+    monkeypatch.setattr(HeldOut, "evidence", None)
+    packed(project, "three/10m/scan_context", tmp_path / "read.site")
+    assert (tmp_path / "read.site").read_bytes() == (tmp_path / "learned.site").read_bytes()
+    # the verdict of another model is none of this one's
+    path = made / "poses/three/10m/scan_context/verdict.zarr"
+    assert Learned.read(path, basis(b"another model")) is None
 
 
 @pytest.mark.parametrize(
