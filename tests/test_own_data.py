@@ -11,6 +11,7 @@ from pipeline.core.progress import Progress
 from tests.clone import ROOT, Clone
 from worlds.simulation import Simulation
 
+FEW = ["methods=scan_context", "variants=", "altered=", "latency=no"]
 DAYS = {"2012-01-15": "monday", "2012-06-15": "tuesday"}
 
 
@@ -38,7 +39,10 @@ def test_five_commands_lead_from_bags_to_a_localiser(clone: Clone) -> None:
     steps = commands("From ROS bags, in five commands")
     assert len(steps) == 5
     for step in steps:
-        few = ["methods=sci_ring,scan_context"] if step[:2] == ["yearloc", "use"] else []
-        said = clone.run(*[word.replace("budget=demo", "budget=tiny") for word in step], *few)
-    assert "Sci" in said  # the last one looks at the localiser
-    assert (clone.folder / "artifacts/train/robot/10m/sci_ring.zarr.zip").is_file()
+        few = FEW if step[:2] == ["yearloc", "use"] else []
+        words = [
+            word.replace("=demo", "=tiny").replace("sci_ring", "scan_context") for word in step
+        ]
+        said = clone.run(*words, *few)
+    assert "ScanContext50" in said  # the last one looks at the localiser
+    assert (clone.folder / "artifacts/train/robot/10m/scan_context.zarr.zip").is_file()
