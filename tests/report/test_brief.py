@@ -66,6 +66,7 @@ def test_where_nothing_was_timed_there_is_no_column_of_times() -> None:
 def test_a_name_stays_whole_and_the_last_column_gives_way() -> None:
     rows = results("campus")
     rows["method"] = rows["method"].replace("m0", "scan_context_all")  # 16 letters; 14 were left
+    rows = table(rows.to_dict("records"))
     _, _, heads, line, _ = brief(rows, {"campus": CAMPUS}, 200).split("\n")
     assert line.split()[0] == "scan_context_all"
     assert heads.split() == ["2012-02-04", "2013-04-05", "accepted", "of", "those", "refused"]
@@ -82,6 +83,7 @@ def test_models_with_poses_stand_apart_from_those_without() -> None:
     rows["variant"] = rows["method"].map(variant).fillna("")
     ours = dict.fromkeys(("m3", "m2", "m1"), "sci_ring")
     rows["method"] = rows["method"].replace({**ours, "m0": "sad"})
+    rows = table(rows.to_dict("records"))
     lines = brief(rows, {"campus": CAMPUS}, 200).split("\n")[3:]
     # m1, the other variant of the same method without poses, is not its best
     assert [line.split("  ")[0] for line in lines if line.strip()] == [
