@@ -62,7 +62,7 @@ def pack_sweeps(
     simulated: bool,
     reader: Mapping[str, Any],
     progress: Progress,
-    verdict: Path,
+    verdict: Path | None = None,
 ) -> str:
     """Write the site of a training day's level sweeps; returns what it holds, in a line.
 

@@ -77,7 +77,7 @@ class Trained:
     views: Path
     map: Path
     """The day's map; it may be missing, and is then made."""
-    verdict: Path
+    verdict: Path | None = None
     """What held-out blocks taught the stage `poses`; it may be missing, and is then learned."""
 
     @classmethod

@@ -40,9 +40,9 @@ class Learned:
         return cls(verdict, len(evidence.fixes), evidence.least_overlap, evidence.expectations)
 
     @classmethod
-    def read(cls, path: Path, basis: str) -> Self | None:
+    def read(cls, path: Path | None, basis: str) -> Self | None:
         """Read an artifact; None if there is none, or it was learned with another basis."""
-        if not path.is_dir():
+        if path is None or not path.is_dir():
             return None
         artifact = store.read(path, Verdicts)
         if artifact.basis != basis:
