@@ -57,9 +57,8 @@ def test_the_table_tells_of_each_alteration_and_stress_and_every_model(built):
     models = {("sci", ""), ("scan_context", ""), ("scan_context", "engaged")}
     assert set(zip(turned["method"], turned["variant"], strict=True)) == models
     assert turned["repeat"].nunique() == 5
-    driven = own[(own["method"] == "sci") & (own["ask"] == "unperturbed")].set_index("sequence")[
-        "value"
-    ]
+    as_driven = own["ask"].isin(["unperturbed", "stress"])
+    driven = own[(own["model"] == "sci") & as_driven].set_index("sequence")["value"]
     shown = json.loads(
         built.run("dvc", "metrics", "show", "--json", "artifacts/metrics/town/10m/sci")
     )[""]["data"]
