@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import sequence
 from benchmarks.peers import given
 from pipeline.mapping.octree import Octree
 from pipeline.matching.nearest import nearest
@@ -19,8 +18,6 @@ from pipeline.matching.shifts import Spectra
 from pipeline.views.m2dp import M2dp
 from pipeline.views.scan_context import ScanContext
 
-RINGS = 40
-SECTORS = 120
 ROUNDS = 6
 Scoring = Callable[
     [NDArray[np.float32]], NDArray[np.float32]
@@ -58,9 +55,10 @@ def seqslam(images: str, rows: str, out: str) -> tuple[float, ...]:
     """The match of each image of a drive in another."""
     references, queries = np.fromfile(images, np.uint8).reshape(2, int(rows), -1)
     matched = np.full(int(rows), -1, "<i4")
-    matched[sequence.HALF : -sequence.HALF] = sequence.ours(references, queries)[1]
+    half = given.HALF_SEQUENCE
+    matched[half:-half] = given.matched(references, queries)
     matched.tofile(out)
-    return (median_ms(lambda _: sequence.ours(references, queries), 1),)
+    return (median_ms(lambda _: given.matched(references, queries), 1),)
 
 
 def export(network: str) -> tuple[float, ...]:
@@ -73,7 +71,7 @@ def export(network: str) -> tuple[float, ...]:
 
 def answer(network: str, images: str, rows: str, out: str, by: str) -> tuple[float, ...]:
     """The scores of that network's places for each image, by `torch` or by `onnxruntime`."""
-    heights = np.fromfile(images, "<f4").reshape(int(rows), 1, RINGS, SECTORS)
+    heights = np.fromfile(images, "<f4").reshape(int(rows), 1, given.RINGS, given.SECTORS)
     ask = torch_scores() if by == "torch" else onnx_scores(Path(network))
     np.concatenate([ask(image) for image in heights]).astype("<f4").tofile(out)
     return (median_ms(lambda i: ask(heights[i]), len(heights)),)
@@ -108,7 +106,7 @@ def onnx_scores(network: Path) -> Scoring:
 
 def search(images: str, rows: str, queries: str, out: str, candidates: str) -> tuple[float, ...]:
     """The nearest of all rows, or of as many candidates by ring key, to each query."""
-    heights = np.fromfile(images, "<f4").reshape(-1, RINGS, SECTORS)
+    heights = np.fromfile(images, "<f4").reshape(-1, given.RINGS, given.SECTORS)
     known = heights[: int(rows)]
     asked = heights[int(rows) :]
     k = int(candidates)
