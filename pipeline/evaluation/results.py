@@ -97,12 +97,13 @@ class ResultsTable:
             by_variant: dict[ModelName, dict[str, Evaluation]] = {}
             for model in models:
                 opened = {name: self._evaluations(grid, model, name) for name in sequences}
-                kind = opened[study.tests[0]].case().kinds[0]
+                driven = {name: opened[name].case() for name in sequences}
+                kind = driven[study.tests[0]].kinds[0]
                 trained = {} if model.posed else store.read_model(self._train(grid, model))
-                for columns in self._model_rows(opened, trained, kind):
+                for columns in self._model_rows(opened, driven, trained, kind):
                     yield {"grid": grid, **model.columns} | columns
-                by_day = sorted((opened[name].case().days, name) for name in study.tests)
-                tests = {name: opened[name].case() for _, name in by_day}
+                by_day = sorted(study.tests, key=lambda name: (driven[name].days, name))
+                tests = {name: driven[name] for name in by_day}
                 if _is_plain(model):
                     by_method[model.method] = tests
                     novelty = trained.get(f"{HELD_OUT}seen/{kind}", ())
@@ -117,31 +118,37 @@ class ResultsTable:
                     yield {"grid": grid} | columns
 
     def _model_rows(
-        self, opened: Mapping[str, Evaluations], trained: Mapping[str, NDArray[Any]], kind: str
+        self,
+        opened: Mapping[str, Evaluations],
+        driven: Mapping[str, Evaluation],
+        trained: Mapping[str, NDArray[Any]],
+        kind: str,
     ) -> TableRows:
         """Rows of one model on every sequence, and its AUC on held-out blocks of training.
 
-        `trained` are its arrays, empty for a model that only adds poses; `kind` is the novelty in
-        use.
+        `driven` are the first cases of `opened`; `trained` are the model's arrays, empty for a
+        model that only adds poses; `kind` is the novelty in use.
         """
         for sequence, evaluations in opened.items():
-            for columns in self._sequence_rows(sequence, evaluations):
-                days = evaluations.case().days
-                yield {"sequence": sequence, "days": days} | columns
+            first_case = driven[sequence]
+            for columns in self._sequence_rows(sequence, evaluations, first_case):
+                yield {"sequence": sequence, "days": first_case.days} | columns
         if trained:
             area = held_out_auc(Evidence.of(trained), kind, self.unseen_share)
             yield row("held_out_auc", "cells", area)
 
-    def _sequence_rows(self, sequence: str, evaluations: Evaluations) -> TableRows:
+    def _sequence_rows(
+        self, sequence: str, evaluations: Evaluations, driven: Evaluation
+    ) -> TableRows:
         """Rows of one model on one sequence, as driven and altered."""
         stress = self.study.stress.get(sequence, "")
         for i, case in enumerate(read_cases(evaluations.cases)):
-            evaluation = evaluations.case(i)
+            evaluation = evaluations.case(i) if i else driven
             columns = case_columns(case, stress)
             yield from evaluation_rows(evaluation, case, stress)
             if case.change:
                 resampling = Bootstrap(**evaluations.bootstrap)
-                kept = kept_share(evaluation, evaluations.case(), "cells", resampling)
+                kept = kept_share(evaluation, driven, "cells", resampling)
                 yield columns | row(KEPT, "cells", *kept)
             elif self.study.slam:
                 yield from (columns | row(NO_SURVEY, protocol, 1.0) for protocol in PROTOCOLS)
