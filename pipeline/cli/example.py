@@ -51,8 +51,8 @@ def lines(scan: "ExampleScan", fix: "Fix") -> list[str]:
 
     rows = [("verdict", f"{fix.verdict}: {MEANING[fix.verdict].format(promise=PROMISE)}")]
     if fix.verdict != "no pose":
-        off_m, off_deg = distance_and_turn(fix.world_T_sensor[None], scan.world_T_scan[None])
-        chance = f"chance {1 - fix.novelty:.3f}, {off_m[0]:.2f} m and {off_deg[0]:.1f}° off"
+        off_m, off_deg = distance_and_turn(fix.world_T_sensor, scan.world_T_scan)
+        chance = f"chance {1 - fix.novelty:.3f}, {off_m:.2f} m and {off_deg:.1f}° off"
         rows.append(("pose", f"{_pose_text(fix.world_T_sensor)}; {chance}"))
     if fix.runners_up:
         second, *_ = fix.runners_up

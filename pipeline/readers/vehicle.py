@@ -206,12 +206,12 @@ def _jumps_text(trajectory: Trajectory, rows: NDArray[np.int64]) -> str:
     """How often a trajectory jumps, and how far at the first of the `rows` (k,) that end a jump."""
     first_row = rows[0]
     away_m, turn_deg = distance_and_turn(
-        trajectory.world_T_body[[first_row - 1]], trajectory.world_T_body[[first_row]]
+        trajectory.world_T_body[first_row - 1], trajectory.world_T_body[first_row]
     )
     seconds = (trajectory.stamps_ns[first_row] - trajectory.stamps_ns[first_row - 1]) / 1e9
     times = "once" if len(rows) == 1 else f"{len(rows):,} times"
     first_s = trajectory.stamps_ns[first_row] / 1e9
     return (
-        f"jumps {times}, first at {first_s:.3f} s by {away_m[0]:.3g} m and {turn_deg[0]:.0f}° in "
+        f"jumps {times}, first at {first_s:.3f} s by {away_m:.3g} m and {turn_deg:.0f}° in "
         f"{seconds:.3g} s"
     )
