@@ -13,7 +13,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from shutil import which
-from typing import Any, NamedTuple
+from typing import Any
 
 import yaml
 
@@ -127,13 +127,6 @@ def count_instances(root: Path) -> Counter[str]:
     return instances
 
 
-class RunningStage(NamedTuple):
-    """The stage that DVC is running, and the time at which it began."""
-
-    stage: str
-    start_s: float
-
-
 @dataclass
 class Counting:
     """Numbers the stages in DVC's lines, and estimates the time left.
@@ -147,8 +140,11 @@ class Counting:
     """How many instances of each stage DVC has run or skipped so far."""
     took_s: dict[str, list[float]] = field(default_factory=dict)
     """How long the instances of each stage took that were run to the end."""
-    running: RunningStage | None = None
-    """The stage that DVC runs now; None before the first one, and after one that it skipped."""
+    running: tuple[str, float] | None = None
+    """The stage that DVC runs now, and when it began, in seconds.
+
+    None before the first one, and after one that it skipped.
+    """
 
     def line(self, line: str, time_s: float) -> str:
         """The text to print for a line of DVC that came at `time_s`."""
@@ -156,15 +152,15 @@ class Counting:
         if not match or not self.instances:
             return line
         if self.running:
-            took_s = time_s - self.running.start_s
-            self.took_s.setdefault(self.running.stage, []).append(took_s)
+            stage_before, start_s = self.running
+            self.took_s.setdefault(stage_before, []).append(time_s - start_s)
         stage = match["stage"]
         self.counts[stage] += 1
         is_skipped = match["running"] == "S"  # "Stage …", not "Running stage …"
         if is_skipped:
             self.running = None
             return line
-        self.running = RunningStage(stage, time_s)
+        self.running = (stage, time_s)
         remaining_note = f", {self.remaining_text()}" if self.took_s else ""
         return f"[{self.counts.total()}/{self.instances.total()}{remaining_note}] {line}"
 
@@ -182,7 +178,7 @@ class Counting:
             stage: max(number - self.counts[stage], 0) for stage, number in self.instances.items()
         }
         if self.running:
-            stage = self.running.stage
+            stage, _ = self.running
             remaining_instances[stage] = remaining_instances.get(stage, 0) + 1
         seconds = sum(
             number * self._expected_s(stage, pace) for stage, number in remaining_instances.items()
