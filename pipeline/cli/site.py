@@ -13,7 +13,7 @@ import typer
 from pipeline.cli.options import SitePath, only_one
 from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Bar
-from pipeline.cli.project import conf_folder, read_studies
+from pipeline.cli.project import conf_folder, named_model
 from pipeline.core.errors import ConfigError
 
 
@@ -43,7 +43,7 @@ def pack(
         return
     if name is None:
         raise ConfigError("pack: expected STUDY/GRID/METHOD, or --map MAP.yaml")
-    model = Trained.named(Layout(), read_studies(), name)
+    model = Trained.of_study(Layout(), *named_model(name))
     print(Packing(conf_folder()).pack(model, out, Bar()))
 
 

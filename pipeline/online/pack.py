@@ -81,19 +81,20 @@ class Trained:
     """What held-out blocks taught the stage `poses`; it may be missing, and is then learned."""
 
     @classmethod
-    def named(cls, layout: Layout, studies: Mapping[str, Study], name: str) -> Self:
-        """The model STUDY/GRID/MODEL.
+    def of_study(cls, layout: Layout, study: Study, grid: str, model_name: str) -> Self:
+        """The model of a study in one of its grids.
 
-        Raises ConfigError for a name that no study has, and for a model that looks at several
-        scans.
+        Raises ConfigError for a name that the study does not have, and for a model that looks at
+        several scans.
         """
-        dataset, grid, model_name, method = _named(studies, name)
-        train = studies[dataset].train_text
-        variant = next(model.variant for model in method.models if model.name == model_name)
+        dataset = study.name
+        name = f"{dataset}/{grid}/{model_name}"
+        method, variant = _method_and_variant(study, name, model_name)
+        train = study.train_text
         view = method.view_of(variant)
         return cls(
             name,
-            studies[dataset].simulated,
+            study.simulated,
             train,
             view,
             layout.path("train", dataset, grid, model_name),
@@ -246,32 +247,20 @@ class Packing:
         return typical(clouds, lift_m)
 
 
-def _named(studies: Mapping[str, Study], name: str) -> tuple[str, str, str, StudyMethod]:
-    """The study, grid and model of STUDY/GRID/MODEL, and the study's entry of the method.
-
-    Raises ConfigError where there is no such model, or it cannot be packed.
-    """
-    words = name.split("/")
-    if len(words) != 3 or words[0] not in studies:
-        raise ConfigError(
-            f"{name}: expected STUDY/GRID/METHOD, a study being one of {', '.join(studies)}"
-        )
-    dataset, grid, model_name = words
-    study = studies[dataset]
-    if grid not in study.grid_names:
-        raise ConfigError(f"{name}: {dataset} has the grids {', '.join(study.grid_names)}")
-    models = {model.name: method for method in study.methods for model in method.models}
+def _method_and_variant(study: Study, name: str, model_name: str) -> tuple[StudyMethod, str]:
+    """The study's entry of a model's method, and the variant; ConfigError if none can be packed."""
+    models = {
+        model.name: (method, model.variant) for method in study.methods for model in method.models
+    }
     if model_name not in models:
         if model_name.removesuffix("-pose") in models:
-            raise ConfigError(
-                f"{name}: pack {dataset}/{grid}/{model_name.removesuffix('-pose')}; every site "
-                "makes poses"
-            )
-        packed = [model for model, method in models.items() if not method.is_on_bird_views]
-        raise ConfigError(f"{name}: of {dataset} can be packed {', '.join(packed)}")
-    if models[model_name].is_on_bird_views:
+            raise ConfigError(f"{name}: pack {name.removesuffix('-pose')}; every site makes poses")
+        packed = [model for model, (method, _) in models.items() if not method.is_on_bird_views]
+        raise ConfigError(f"{name}: of {study.name} can be packed {', '.join(packed)}")
+    method, variant = models[model_name]
+    if method.is_on_bird_views:
         raise ConfigError(f"{name}: matches sequences of bird-views; a site localises single scans")
-    return dataset, grid, model_name, models[model_name]
+    return method, variant
 
 
 def _promised_words(kept: tuple[float, ...]) -> str:
