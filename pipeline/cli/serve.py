@@ -15,7 +15,7 @@ import typer
 
 from pipeline.cli.kernels import tell_cold
 from pipeline.cli.options import BodyTLidar, SitePath, lidar_of, share_or_none
-from pipeline.core.errors import ConfigError
+from pipeline.core.errors import ConfigError, needed
 
 Port = Annotated[int, typer.Option(metavar="PORT", help="of HTTP")]
 Host = Annotated[
@@ -70,12 +70,10 @@ def _serve_http(path: Path, host: str, port: int, workers: int) -> None:
     Raises ConfigError if the port cannot be listened at, or if other machines could reach it
     without a token.
     """
-    try:
+    with needed("serve"):
         import uvicorn
 
         from pipeline.online import serve as online
-    except ImportError as error:
-        raise ConfigError(f"{error.name}: not installed; `pip install 'yearloc[serve]'`") from None
     from pipeline.online.site_file import read_either
 
     online.check_reach(host, os.environ.get(online.TOKEN, ""))
@@ -123,10 +121,8 @@ def _serve_zenoh(
     """
     from pipeline.online.site import Site
 
-    try:
+    with needed("zenoh"):
         from pipeline.online import bridge
-    except ImportError as error:
-        raise ConfigError(f"{error.name}: not installed; `pip install 'yearloc[zenoh]'`") from None
     site = Site.open(path, level=False)
     tell_cold()
     ready_line = f"{path}: {key}/points → {key}/fix at {endpoint}; Ctrl-C stops it"

@@ -12,6 +12,8 @@ YearlocError
 """
 
 import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 MACHINE_ERRNOS = {
     getattr(errno, name)
@@ -62,6 +64,21 @@ class ConfigError(YearlocError):
 
 class NotInstalledError(ConfigError):
     """A package that only some work needs is not installed; the message says how to install it."""
+
+
+@contextmanager
+def needed(extra: str, size: str = "") -> Iterator[None]:
+    """Import the packages of an extra in here; raises NotInstalledError if one is missing.
+
+    `size` says what the extra takes up on disk, such as 36 MB.
+    """
+    try:
+        yield
+    except ImportError as error:
+        on_disk = f" ({size})" if size else ""
+        raise NotInstalledError(
+            f"{error.name}: not installed; `pip install 'yearloc[{extra}]'`{on_disk}"
+        ) from None
 
 
 class ComputeError(YearlocError):

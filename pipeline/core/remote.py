@@ -7,7 +7,7 @@ AWS_SECRET_ACCESS_KEY, and AWS_ENDPOINT_URL for a store that is not Amazon's.
 from pathlib import Path
 from typing import Any
 
-from pipeline.core.errors import ArtifactError, NotInstalledError
+from pipeline.core.errors import ArtifactError, needed
 
 S3 = "s3://"
 """The beginning of a path in an object store."""
@@ -38,13 +38,9 @@ def look(url: str) -> None:
     Raises ArtifactError if it does not, or if the store refuses or does not answer, and
     NotInstalledError without the extra `s3`.
     """
-    try:
+    with needed("s3", "36 MB"):
         store = _store()
         from botocore.exceptions import BotoCoreError, NoCredentialsError
-    except ModuleNotFoundError as error:
-        raise NotInstalledError(
-            f"{error.name}: not installed; `pip install 'yearloc[s3]'` (36 MB)"
-        ) from None
     try:
         store.info(url)
     except FileNotFoundError as error:

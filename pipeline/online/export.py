@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from pipeline.core.building import build
-from pipeline.core.errors import ConfigError
+from pipeline.core.errors import ConfigError, needed
 from pipeline.core.replacing import replace as replaced
 from pipeline.core.replacing import write_text
 from pipeline.methods.pointnetvlad.netvlad import Describer
@@ -187,25 +187,21 @@ def _onnx(
     """Export a module as an ONNX file's bytes, silencing the exporter's own messages."""
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     with (
+        needed("onnx"),
         torch.no_grad(),
         warnings.catch_warnings(),
         redirect_stdout(StringIO()),
         redirect_stderr(StringIO()),
     ):
         warnings.simplefilter("ignore")
-        try:
-            program = torch.onnx.export(
-                module,
-                (example,),
-                dynamo=True,
-                input_names=[input_name],
-                output_names=outputs,
-                verbose=False,
-            )
-        except ImportError as error:
-            raise ConfigError(
-                f"{error.name}: not installed; `pip install 'yearloc[onnx]'`"
-            ) from None
+        program = torch.onnx.export(
+            module,
+            (example,),
+            dynamo=True,
+            input_names=[input_name],
+            output_names=outputs,
+            verbose=False,
+        )
     assert program is not None
     proto = without_notes(program.model_proto)
     if compact:

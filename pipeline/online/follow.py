@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.errors import ConfigError, LogError
+from pipeline.core.errors import ConfigError, LogError, needed
 from pipeline.core.frames import Poses, Stamps, moved
 from pipeline.formats.bag import CLOUD, ODOMETRY, TRANSFORMS
 from pipeline.formats.messages import (
@@ -190,10 +190,11 @@ class Following:
     def _read_file(self, file: Path) -> None:
         """Read the file until it grows no more or is damaged, in a thread of its own."""
         try:
-            from mcap.exceptions import EndOfFile
-            from mcap.stream_reader import StreamReader
-        except ImportError:
-            return self._end(ConfigError("mcap: not installed; `pip install 'yearloc[follow]'`"))
+            with needed("follow"):
+                from mcap.exceptions import EndOfFile
+                from mcap.stream_reader import StreamReader
+        except ConfigError as error:
+            return self._end(error)
         try:
             with file.open("rb") as growing:
                 stream: Any = GrowingFile(growing, self.idle_s)

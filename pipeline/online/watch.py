@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.errors import ConfigError
+from pipeline.core.errors import needed
 from pipeline.core.frames import Poses, moved
 from pipeline.core.replacing import replace
 from pipeline.mapping.from_above import standing
@@ -51,13 +51,9 @@ class Recording(ExitStack):
     """
 
     def __init__(self, site: Site, out: Path | None, promise: float | None) -> None:
-        """Raises ConfigError where rerun is not installed."""
-        try:
+        """Raises NotInstalledError where rerun is not installed."""
+        with needed("watch", "490 MB"):
             import rerun
-        except ImportError:
-            raise ConfigError(
-                "rerun: not installed; `pip install 'yearloc[watch]'` (490 MB)"
-            ) from None
         super().__init__()
         self._rerun = rerun
         self._site = site

@@ -10,16 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.errors import ConfigError
+from pipeline.core.errors import needed
 from pipeline.core.frames import Poses
 
 
 def imported_gtsam() -> Any:
-    """Import gtsam, which no other part needs; raises ConfigError where it is not installed."""
-    try:
+    """Import gtsam, which no other part needs; raises NotInstalledError without it."""
+    with needed("graph", "113 MB"):
         import gtsam
-    except ImportError:
-        raise ConfigError("gtsam: not installed; `pip install 'yearloc[graph]'` (113 MB)") from None
     return gtsam
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from filelock import FileLock
 
 from pipeline.core import remote
-from pipeline.core.errors import ArtifactError, ConfigError, NotInstalledError
+from pipeline.core.errors import ArtifactError, ConfigError, needed
 from pipeline.tracking import served
 
 if TYPE_CHECKING:
@@ -62,14 +62,14 @@ class Database:
 
         settings = {"connect_timeout": WAIT_S, "application_name": "yearloc publish"}
         try:
-            engine = create_engine(
-                self.uri, poolclass=NullPool, isolation_level="AUTOCOMMIT", connect_args=settings
-            )
-            connection = engine.connect()
-        except ImportError as error:
-            raise NotInstalledError(
-                f"{error.name}: not installed; `pip install 'yearloc[postgres]'` (13 MB)"
-            ) from None
+            with needed("postgres", "13 MB"):
+                engine = create_engine(
+                    self.uri,
+                    poolclass=NullPool,
+                    isolation_level="AUTOCOMMIT",
+                    connect_args=settings,
+                )
+                connection = engine.connect()
         except OperationalError as error:
             reason = str(error.orig).partition("\n")[0]
             raise ConfigError(
