@@ -28,13 +28,6 @@ def some_words(metavar: str, help_text: str) -> Any:
 
 
 SitePath = Annotated[Path, typer.Argument(metavar="SITE")]
-ModelName = Annotated[
-    str,
-    typer.Argument(
-        metavar="STUDY/GRID/METHOD",
-        help="such as campus/10m/sci_ring; a variant is METHOD-VARIANT",
-    ),
-]
 Promise = Annotated[
     float | None,
     typer.Option(

@@ -4,9 +4,7 @@ The map, its verdict (level/verdict.py) and what they were made of are written i
 """
 
 import hashlib
-import platform
 from collections.abc import Mapping
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -90,8 +88,6 @@ def _write(
 
     `source` is the map's file or the training sequence, `digest` the map's md5.
     """
-    versions = {"yearloc": version("yearloc"), "python": platform.python_version()}
-    versions |= {name: version(name).partition("+")[0] for name in LEVEL_VERSIONS}
     lift_m = float(reader.get("lift_m", 0.0))
     description = LevelDescription(
         name=name,
@@ -101,7 +97,7 @@ def _write(
         reader=dict(reader),
         # what sweeps look like is not compared
         sensor=Sensor(lift_m, None, None, None, None, None, ()),
-        provenance=Provenance(source, {"map": digest}, versions),
+        provenance=Provenance.of(source, {"map": digest}, LEVEL_VERSIONS),
     )
     arrays = {"occupancy": level_map.occupancy}
     site_file.write(out, site_file.LevelParts(description, arrays))

@@ -9,10 +9,8 @@
 A model of level sweeps becomes a level site (level_pack.py).
 """
 
-import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Self
@@ -233,9 +231,7 @@ class Packing:
         digests = {}
         for part, path in parts.items():
             digests[part], _ = lock.of(path.as_posix())
-        versions = {"yearloc": version("yearloc"), "python": platform.python_version()}
-        versions |= {name: version(name).partition("+")[0] for name in VERSIONS}
-        return Provenance(trained.train, digests, versions)
+        return Provenance.of(trained.train, digests, VERSIONS)
 
     def _sensor(
         self, scans: schemas.Scans, submaps: schemas.Submaps, reader: Mapping[str, Any]

@@ -1,8 +1,10 @@
 """The content of a site's site.json, as dataclasses that `site_file` fills and writes."""
 
-from collections.abc import Mapping
+import platform
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from importlib.metadata import version
+from typing import Any, Self
 
 from pipeline.core.grid import Grid
 from pipeline.level.fix import LevelFixer
@@ -60,6 +62,13 @@ class Provenance:
     """DVC's digest of each artifact; None if it is unknown."""
     versions: Mapping[str, str]
     """The version of each package."""
+
+    @classmethod
+    def of(cls, train: str, md5: Mapping[str, str | None], packages: Sequence[str]) -> Self:
+        """The provenance with the versions of Python, yearloc and these packages."""
+        versions = {"yearloc": version("yearloc"), "python": platform.python_version()}
+        versions |= {name: version(name).partition("+")[0] for name in packages}
+        return cls(train, md5, versions)
 
 
 @dataclass(frozen=True)
