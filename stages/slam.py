@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.core import store
-from pipeline.readers.estimated import estimated_poses
+from pipeline.readers.estimated import estimates_of
 from pipeline.readers.log import Log
 from pipeline.readers.parts import open_part
 from pipeline.slam.drive import Slam, without_truth
@@ -56,7 +56,7 @@ def main(settings: Settings) -> str:
         estimate = settings.slam.estimate(log, ProgressBar())
     else:
         map_log = open_log(settings.train)
-        map_poses = estimated_poses(settings.map, map_log)
+        map_poses = estimates_of(map_log, settings.map).world_T_scan
         estimate = estimate_onto(settings.slam, log, map_log, map_poses, ProgressBar())
     store.write(settings.out, estimate)
     with store.replace(settings.picture) as scratch:

@@ -15,6 +15,7 @@ from pipeline.cli.options import Odometry, Promise, Topic
 from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Bar
 from pipeline.cli.project import named_model
+from pipeline.cli.scan_options import ScanOptions
 from pipeline.core.errors import ConfigError, LogError
 
 if TYPE_CHECKING:  # at run time these would slow the start of every command
@@ -101,7 +102,6 @@ def draw_level_drive(
 
     Raises ConfigError for a site of 3-D scans, or without a log.
     """
-    from pipeline.online.inputs import scans
     from pipeline.online.level_site import LevelSite, LevelTracker
     from pipeline.online.localized import localized
     from pipeline.online.site import Site
@@ -116,15 +116,7 @@ def draw_level_drive(
         raise ConfigError(f"{path}: expected a log or a bag after it")
     skipped: Counter[str] = Counter()
     broken: list[str] = []  # for each sweep that could not be read, why
-    sweeps = scans(
-        log,
-        site.description.reader,
-        site.description.sensor.lift_m,
-        topic=topic,
-        odometry=odometry,
-        skipped=skipped,
-        is_level=True,
-    )
+    sweeps = ScanOptions.of(site, topic=topic, odometry=odometry).scans(log, skipped)
     drive = [
         level_plan.Seen(points_m, fix, scan.world_T_scan)
         for scan, points_m, fix in localized(sweeps, LevelTracker(site, promise), promise, broken)

@@ -17,14 +17,6 @@ from pipeline.readers.deskew import scan_at_stamp
 from pipeline.readers.log import Log
 
 
-def estimated_poses(path: Path, log: Log) -> Poses:
-    """The estimated poses (n, 4, 4) of a log's scans, read from the artifact at `path`.
-
-    A scan without an estimate has NaN. Raises LogError if the artifact belongs to another log.
-    """
-    return _estimates(path, log).world_T_scan
-
-
 def with_estimated_poses(log: Log, path: Path) -> Log:
     """The log of those scans that have a pose in the artifact at `path`.
 
@@ -32,7 +24,7 @@ def with_estimated_poses(log: Log, path: Path) -> Log:
     their scan. A log without odometry gets the odometry of the artifact. Scans without an estimate
     are counted in `skipped`. Raises LogError if the artifact belongs to another log.
     """
-    estimates = _estimates(path, log)
+    estimates = estimates_of(log, path)
     odom_T_scan = log.odom_T_scan
     has_odometry = np.isfinite(odom_T_scan).all(axis=(1, 2)).any()
     if not has_odometry:
@@ -56,8 +48,8 @@ def with_estimated_poses(log: Log, path: Path) -> Log:
     )
 
 
-def _estimates(path: Path, log: Log) -> schemas.Estimates:
-    """The artifact at `path`; raises LogError if its stamps are not those of the log."""
+def estimates_of(log: Log, path: Path) -> schemas.Estimates:
+    """The estimates of a log in the artifact at `path`; LogError if the stamps differ."""
     estimates = store.read(path, schemas.Estimates)
     if not np.array_equal(estimates.stamps_ns, log.stamps_ns):
         raise LogError(f"{path}: is of another log, its stamps differ; `dvc repro` builds it anew")
