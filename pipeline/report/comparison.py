@@ -20,6 +20,9 @@ from pipeline.studies.colours import method_of
 # What another seed may do to a model of one seed: means over a simulated year of three seeds
 # deviate by .003 to .016 for SCI trained with one or two headings and for its ring.
 ONE_SEED = 0.02
+# The columns that say which number a row is, and which of its repetitions.
+NUMBER = ["model", "case", "protocol", "number"]
+REPETITION = ["seed", "sequence", "repeat"]
 
 
 @dataclass(frozen=True)
@@ -91,17 +94,15 @@ class Measurement:
         """Take values (seed, sequence, repeat), NaN where there is none."""
         self.values = values
         repeat_means = average(values, 2)
-        self.by_sequence = average(
-            repeat_means, 0
-        )  # (sequence,) means over repeats, then over seeds
+        # (sequence,) means over repeats, then over seeds
+        self.by_sequence = average(repeat_means, 0)
         self.by_seed = average(repeat_means, 1)  # (seed,) means over repeats, then over sequences
         self.by_repeat = average(average(values, 0), 0)  # (repeat,) over seeds, then over sequences
         self.mean = float(average(self.by_sequence, 0))
         self.over_sequences = deviation(self.by_sequence)
         self.over_seeds = deviation(self.by_seed)
         # the deviation over the repeats of one seed on one sequence, on average
-        deviations = np.ma.masked_invalid(values).std(axis=2, ddof=1)
-        self.over_repeats = float(average(np.ma.filled(deviations, np.nan), None))
+        self.over_repeats = float(average(np.apply_along_axis(deviation, 2, values)))
 
     def on(self, sequence: int) -> "Measurement":
         """The measurement on one sequence alone, given by its index."""
@@ -151,8 +152,13 @@ class Comparison:
         self.seeds: dict[str, int] = (rows.groupby("model")["seed"].max() + 1).to_dict()
         self.repeats = int(rows["repeat"].max()) + 1  # of the kind of case that has most
         self._n_way = n_way
-        keys = ["model", "case", "protocol", "number", "seed", "sequence", "repeat"]
-        self._values = rows.set_index(keys)["value"].to_dict()
+        # one row per model, kind and number; one column per seed, sequence and repeat
+        wide = rows.pivot(index=NUMBER, columns=REPETITION, values="value")
+        axes = (range(max(self.seeds.values())), self.sequences, range(self.repeats))
+        values = wide.reindex(columns=pd.MultiIndex.from_product(axes)).to_numpy(np.float64)
+        shape = tuple(map(len, axes))
+        self._values = dict(zip(wide.index, values.reshape(-1, *shape), strict=True))
+        self._no_values = np.full(shape, np.nan)
 
     def ways(self) -> dict[int, str]:
         """The method with most N-way trained models: maps N to model, in ascending order."""
@@ -165,17 +171,13 @@ class Comparison:
 
     def measurement(self, model: str, kind: Kind, measure: Measure) -> Measurement:
         """One number of one model in one kind of case, over seeds, sequences and repeats."""
-        values = np.full((self.seeds[model], len(self.sequences), self.repeats), np.nan)
         number = (model, kind, measure.protocol, measure.name)
-        for seed, sequence, repeat in np.ndindex(*values.shape):
-            key = (*number, seed, self.sequences[sequence], repeat)
-            values[seed, sequence, repeat] = self._values.get(key, np.nan)
+        values = self._values.get(number, self._no_values)[: self.seeds[model]]
         if not measure.relative:
             return Measurement(values)
         absolute = replace(measure, relative=False)
         as_driven = self.measurement(model, Kind(), absolute).values[:, :, :1]
-        no_share = np.full_like(values, np.nan)
-        return Measurement(np.divide(values, as_driven, out=no_share, where=as_driven > 0))
+        return Measurement(values / np.where(as_driven > 0, as_driven, np.nan))
 
     def ordered(self, kind: Kind, measure: Measure) -> list[str]:
         """The models, the largest mean first, those without a number last."""
