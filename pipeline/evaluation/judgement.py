@@ -376,11 +376,8 @@ class Evaluations(Artifact, kind="evaluations", version=13):
 
         Raises ArtifactError if other protocols, numbers or measures were evaluated.
         """
-        for name, expected in (
-            ("protocols", PROTOCOLS),
-            ("numbers", NUMBERS),
-            ("measures", MEASURES),
-        ):
+        axes = {"protocols": PROTOCOLS, "numbers": NUMBERS, "measures": MEASURES}
+        for name, expected in axes.items():
             if getattr(self, name) != expected:
                 raise ArtifactError(
                     f"{self.path}: its {name} are not this version's; `dvc repro` it"

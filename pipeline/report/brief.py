@@ -18,8 +18,8 @@ from rich.text import Text
 from pipeline.evaluation.doubts import VOID
 from pipeline.evaluation.numbers import average
 from pipeline.report.result import Scores, day, ranked, read_scores
-from pipeline.report.selection import pick
-from pipeline.report.strategies import PROTOCOL, grouped, read_strategies
+from pipeline.report.selection import grouped, pick
+from pipeline.report.strategies import PROTOCOL, read_strategies
 from pipeline.report.table import MISSING, fixed
 from pipeline.studies.colours import method_of
 from pipeline.studies.study import CellSize, Study

@@ -19,7 +19,7 @@ from pipeline.evaluation.doubts import VOID
 from pipeline.evaluation.judgement import NOT_JUDGED, Evaluation
 from pipeline.evaluation.numbers import average
 from pipeline.evaluation.rows import UNPERTURBED
-from pipeline.report.selection import NONE, Values, indexed, pick
+from pipeline.report.selection import NONE, Values, grouped, indexed, pick
 
 # The titles of the numbers that a study is about.
 TITLES = {"recall_at_1": "recall@1", "auc_top1": "AUC top-1", "auc_exact_top1": "exact AUC"}
@@ -155,11 +155,8 @@ def by_model(results: Sequence[AnyScores]) -> dict[str, list[AnyScores]]:
 
     The models keep their order. Raises InputError if there are no results.
     """
-    ordered = _by_day(results)
-    return {
-        model: [result for result in ordered if result.model == model]
-        for model in dict.fromkeys(result.model for result in results)
-    }
+    groups = grouped(_by_day(results), "model")
+    return {model: groups[model] for model in grouped(results, "model")}
 
 
 def ranked(results: Sequence[AnyScores]) -> dict[str, list[AnyScores]]:
@@ -179,11 +176,7 @@ def by_sequence(results: Sequence[AnyScores]) -> dict[str, list[AnyScores]]:
 
     The models keep their order. Raises InputError if there are no results.
     """
-    ordered = _by_day(results)
-    return {
-        name: [result for result in ordered if result.sequence == name]
-        for name in dict.fromkeys(result.sequence for result in ordered)
-    }
+    return grouped(_by_day(results), "sequence")
 
 
 def _by_day(results: Sequence[AnyScores]) -> list[AnyScores]:

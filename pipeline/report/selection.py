@@ -4,7 +4,8 @@ A row of that table is one number: of which model, on which sequence, in which c
 by which protocol, with its value and its 95 % interval.
 """
 
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 # a number and its 95 % interval, lowest and highest; NaN where there is none
 Values = tuple[float, float, float]
 NONE: Values = (np.nan, np.nan, np.nan)
+Item = TypeVar("Item")
 
 
 def pick(rows: pd.DataFrame, **entries: object) -> pd.DataFrame:
@@ -40,3 +42,11 @@ def indexed(rows: pd.DataFrame, *columns: str) -> dict[Any, Values]:
     """
     keys = rows[columns[0]] if len(columns) == 1 else zip(*(rows[c] for c in columns), strict=True)
     return dict(zip(keys, map(tuple, values(rows).tolist()), strict=True))
+
+
+def grouped(items: Iterable[Item], attribute: str) -> dict[str, list[Item]]:
+    """Group scores or strategies by one of their attributes; groups and items keep their order."""
+    groups: dict[str, list[Item]] = {}
+    for item in items:
+        groups.setdefault(getattr(item, attribute), []).append(item)
+    return groups

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pipeline.evaluation.numbers import average
 from pipeline.evaluation.rows import COURSE
 from pipeline.report.findings import Finding
-from pipeline.report.selection import pick
+from pipeline.report.selection import grouped, pick
 
 # Strategies that are compared with each other: files of conf/strategy.
 GROWN = "grown"
@@ -88,14 +88,6 @@ def read_strategies(rows: pd.DataFrame) -> list[Strategy]:
         order, _, name = course.partition(" ")
         strategies.append(Strategy(order, model, name, group))
     return [strategy for strategy in strategies if strategy.steps]
-
-
-def grouped(strategies: Sequence[Strategy], attribute: str) -> dict[str, list[Strategy]]:
-    """Group the strategies by their `order`, `model` or `name`."""
-    groups: dict[str, list[Strategy]] = {}
-    for strategy in strategies:
-        groups.setdefault(getattr(strategy, attribute), []).append(strategy)
-    return groups
 
 
 def findings(strategies: Sequence[Strategy]) -> list[Finding]:

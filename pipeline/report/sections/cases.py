@@ -26,6 +26,7 @@ from pipeline.report.result import TITLES, day
 from pipeline.report.section import Section, anchor, illustrate, section_of
 from pipeline.report.selection import pick
 from pipeline.report.study import Study
+from pipeline.report.table import Table
 
 UNITS = {"demolition": "degrees removed", "construction": "new walls"}  # of their levels
 CHANGES = ("turned", *UNITS)  # what an alteration may do to a query
@@ -85,6 +86,10 @@ def _compared(
     )
 
 
+def _every_case(comparison: Comparison) -> list[Table]:
+    return [tables.every_case(comparison, by) for by in (tables.BY_CELLS, tables.BY_DISTANCE)]
+
+
 def _turned(study: Study, folder: Path, alteration: str, comparison: Comparison) -> Section:
     """Fig. 10: queries turned by random angles."""
     kind = comparison.kinds[-1]
@@ -115,8 +120,7 @@ def _turned(study: Study, folder: Path, alteration: str, comparison: Comparison)
             draw("ways", n_way_figure),
         ],
         tables=[
-            tables.every_case(comparison, tables.BY_CELLS),
-            tables.every_case(comparison, tables.BY_DISTANCE),
+            *_every_case(comparison),
             tables.on_sequences(comparison, kind, AUC),
         ],
     )
@@ -146,8 +150,7 @@ def _structure(study: Study, folder: Path, alteration: str, comparison: Comparis
         illustrations=[illustration],
         tables=[
             *(tables.over_kinds(comparison, measure) for measure in (AUC, KEPT, FAR)),
-            tables.every_case(comparison, tables.BY_CELLS),
-            tables.every_case(comparison, tables.BY_DISTANCE),
+            *_every_case(comparison),
         ],
     )
 
@@ -170,10 +173,7 @@ def _glance(study: Study, folder: Path, alteration: str, comparison: Comparison)
         [case_findings.leader(comparison, kind, AUC) for kind in comparison.kinds],
         name=alteration,
         illustrations=[illustration],
-        tables=[
-            tables.every_case(comparison, tables.BY_CELLS),
-            tables.every_case(comparison, tables.BY_DISTANCE),
-        ],
+        tables=_every_case(comparison),
     )
 
 

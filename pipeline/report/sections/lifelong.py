@@ -16,6 +16,7 @@ from pipeline.core.schemas import Lifelong
 from pipeline.report import tables
 from pipeline.report.figures import lifelong
 from pipeline.report.section import Illustration, Section, illustrate, section_of
+from pipeline.report.selection import grouped
 from pipeline.report.strategies import (
     GROWN,
     PROTOCOL,
@@ -23,7 +24,6 @@ from pipeline.report.strategies import (
     UPDATES,
     Strategy,
     findings,
-    grouped,
     read_strategies,
 )
 from pipeline.report.study import Study
