@@ -49,8 +49,9 @@ from pipeline.level.search import mean_likelihoods, search
 from pipeline.level.sweeps import OVER_M, Gatherer, single
 from pipeline.level.verdict import OF_SWEEPS, USUAL
 from pipeline.online.level_pack import UNSEEN_SHARE, pack_map
-from pipeline.online.level_site import LevelSite, LevelTracker
+from pipeline.online.level_site import LevelSite
 from pipeline.online.site import Site
+from pipeline.online.tracking import Tracker
 from pipeline.posing.answers import PosedQuery
 from pipeline.posing.verdict import PROMISES, Evidence
 from pipeline.readers.carmen import Carmen
@@ -314,7 +315,7 @@ def kidnapped(folder: Path, name: str, out: Path) -> str:
         pack_map(map_path, map_path.with_suffix(".site"))
         site = Site.open(map_path.with_suffix(".site"))
     assert isinstance(site, LevelSite)
-    tracker = LevelTracker(site)
+    tracker = Tracker(site)
     drive = []
     for row in rows:
         points_m = np.asarray(driven.points(row), np.float64)

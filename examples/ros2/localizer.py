@@ -27,13 +27,12 @@ from pipeline.formats.messages import pose_numbers, poses, sweep_points
 from pipeline.formats.pointcloud2 import decode
 from pipeline.kernel_cache import cold
 from pipeline.online.inputs import NO_POSE, placement
-from pipeline.online.level_site import LevelSite
 from pipeline.online.odometry import Newest
 from pipeline.online.outputs import in_world
 from pipeline.readers.log import raised
 from pipeline.running.process import keep_freed_memory
 from pipeline.views.kernels import bin_heights
-from yearloc import Fix, LevelTracker, Site, Tracker, YearlocError
+from yearloc import Site, Tracker, YearlocError
 
 
 def stamp_ns(header: Any) -> int:
@@ -51,7 +50,7 @@ class Accepted:
     map_T_odom: np.ndarray
     """(4, 4) the odometry's frame; NaN without odometry."""
     is_initial: bool
-    """Whether a level robot was lost before."""
+    """Whether the robot was lost before."""
 
 
 class Localizer:
@@ -61,9 +60,8 @@ class Localizer:
     def __init__(
         self, site: Site, promise: float = 0.99, lift_m: float = 0.0, body_T_lidar: str = ""
     ) -> None:
-        self._tracker = (
-            LevelTracker(site, promise) if isinstance(site, LevelSite) else Tracker(site, promise)
-        )
+        self._tracker = Tracker(site, promise)
+        self._points = sweep_points if site.is_level else decode
         self._odometry = Newest()
         self._body_T_lidar = (
             placement("body_T_lidar", body_T_lidar) if body_T_lidar else raised(lift_m)
@@ -83,8 +81,9 @@ class Localizer:
             if np.isfinite(self._before + odom_T_body).all()
             else None
         )
-        was_lost = isinstance(self._tracker, LevelTracker) and self._tracker.is_lost
-        fix = self._fix(cloud, step, time_ns)
+        was_lost = self._tracker.is_lost
+        points_m = moved(self._body_T_lidar, self._points(cloud))
+        fix = self._tracker.localize(points_m, step, time_ns or None)
         self._before = odom_T_body
         if fix.verdict != "accepted":
             return None
@@ -94,13 +93,6 @@ class Localizer:
             else NO_POSE
         )
         return Accepted(fix.world_T_sensor, in_world(fix).ravel(), map_T_odom, was_lost)
-
-    def _fix(self, cloud: Any, step: np.ndarray | None, time_ns: int) -> Fix:
-        if isinstance(self._tracker, LevelTracker):
-            return self._tracker.localize(moved(self._body_T_lidar, sweep_points(cloud)), step)
-        return self._tracker.localize(
-            moved(self._body_T_lidar, decode(cloud)), step, time_ns or None
-        )
 
 
 def fill(position: Any, turn: Any, pose: np.ndarray) -> None:

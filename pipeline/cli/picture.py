@@ -102,9 +102,10 @@ def draw_level_drive(
 
     Raises ConfigError for a site of 3-D scans, or without a log.
     """
-    from pipeline.online.level_site import LevelSite, LevelTracker
+    from pipeline.online.level_site import LevelSite
     from pipeline.online.localized import localized
     from pipeline.online.site import Site
+    from pipeline.online.tracking import Tracker
     from pipeline.report.figures import animation, level_plan
 
     check_file(out)
@@ -119,7 +120,7 @@ def draw_level_drive(
     sweeps = ScanOptions.of(site, topic=topic, odometry=odometry).scans(log, skipped)
     drive = [
         level_plan.Seen(points_m, fix, scan.world_T_scan)
-        for scan, points_m, fix in localized(sweeps, LevelTracker(site, promise), promise, broken)
+        for scan, points_m, fix in localized(sweeps, Tracker(site, promise), promise, broken)
     ]
     if not drive:
         raise LogError(broken[0] if broken else f"{log}: no scan there")

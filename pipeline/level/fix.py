@@ -163,7 +163,9 @@ class LevelFixer:
         pose = np.array([[*grid_T_guess[:2, 3], heading_rad]])
         return self._compared(field, gathered, pose)
 
-    def is_misread(self, field: Field, gathered: Gathered, level_fix: LevelFix) -> bool:
+    def is_misread(
+        self, field: Field, gathered: Gathered, level_fix: Registered[Hypothesis]
+    ) -> bool:
         """Whether the laser may be mounted otherwise than was said, so that no fix is believed.
 
         That is so if odometry contradicts its sweeps, or if these fit about as well with left and

@@ -1,7 +1,7 @@
 """The loop from scans to fixes that all commands share: each scan alone, or one after the other."""
 
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,6 @@ from pipeline.core.errors import LogError
 from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix, Site
 from pipeline.online.tracking import Tracker
-
-if TYPE_CHECKING:
-    from pipeline.online.level_site import LevelSite, LevelTracker
 
 
 class Localized(NamedTuple):
@@ -26,7 +23,7 @@ class Localized(NamedTuple):
 
 def localized(
     scans: Iterable[Scan],
-    localizer: "Site | Tracker | LevelTracker",
+    localizer: Site | Tracker,
     promise: float | None,
     broken: list[str],
 ) -> Iterator[Localized]:
@@ -48,13 +45,9 @@ def localized(
             yield Localized(scan, points_m, localizer.follow(scan, points_m))
 
 
-def tracker_of(site: Site, promise: float | None, track: bool) -> "Tracker | LevelTracker | None":
+def tracker_of(site: Site, promise: float | None, track: bool) -> Tracker | None:
     """The tracker that follows the scans in a site; None if each scan is localised alone.
 
     A level site always has one, since its sweeps are gathered; `track` says if it tracks the robot.
     """
-    if site.is_level:
-        from pipeline.online.level_site import LevelTracker  # other sites never need it
-
-        return LevelTracker(cast("LevelSite", site), promise, is_tracking=track)
-    return Tracker(site, promise) if track else None
+    return Tracker(site, promise, is_tracking=track) if track or site.gathers else None

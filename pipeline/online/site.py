@@ -24,6 +24,7 @@ from pipeline.mapping.appearance import is_level
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Localizer, Ranking, Rows
 from pipeline.networks.plain import Plain
+from pipeline.online.motion import Drive, ScanDrive
 from pipeline.online.runtime import exported, localizer
 from pipeline.online.site_file import LevelParts, Parts, read, read_either
 from pipeline.posing.expectations import Expectations
@@ -113,6 +114,8 @@ class Site:
 
     is_level = False
     """Whether it localises the sweeps of a level 2-D laser, not 3-D scans."""
+    gathers = False
+    """Whether it gathers scans along a drive, and so takes their odometry without tracking too."""
 
     def __init__(self, parts: Parts, threads: int = 1) -> None:
         """Build a site from the content of its file; `threads` is for the network."""
@@ -197,15 +200,35 @@ class Site:
         """
         start = time.perf_counter()
         self.check(promise)
-        points_m = finite(points_m)
+        query = self.single(points_m)
+        fix = self.judge_query(query, self.seek(query), promise)
+        return replace(fix, ms=1e3 * (time.perf_counter() - start))
+
+    def drive(self) -> Drive:
+        """What a Tracker remembers of a new drive."""
+        return ScanDrive()
+
+    def points(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
+        """The points of a scan that count; raises InputError for another shape or type."""
+        return finite(points_m)
+
+    def single(self, points_m: NDArray[np.floating]) -> Any:
+        """What is sought in the map for a single scan; raises InputError for a level sweep."""
+        points_m = self.points(points_m)
         if len(points_m) >= SWEEP_POINTS and is_level([points_m]):
             raise InputError(
                 "a level sweep, all in one plane: this site is of 3-D scans; `yearloc pack` makes "
                 "a level site of a data set of level sweeps, or of a Nav2 map"
             )
-        ranking = self.rank(points_m)
-        registered = self.register(points_m, Answers.of(ranking))
-        return replace(self.judge(registered, promise), ms=1e3 * (time.perf_counter() - start))
+        return points_m
+
+    def seek(self, query: Any) -> AnyFix:
+        """The poses that a query, a scan's points (n, 3), may have in the whole map."""
+        return self.register(query, Answers.of(self.rank(query)))
+
+    def track(self, query: Any, world_T_guess: NDArray[np.float64]) -> AnyFix:
+        """The poses of a query, a scan's points (n, 3), near a guess (4, 4)."""
+        return self.fixer.track(query, self.targets, world_T_guess)
 
     def rank(self, points_m: NDArray[np.float64]) -> Ranking:
         """The method's ranking of places for one scan (n, 3), as a ranking of one query."""
@@ -220,6 +243,15 @@ class Site:
         Returns posing's Fix (here called Registered): hypotheses without a verdict.
         """
         return self.fixer.fix(points_m, self.targets, answers)
+
+    def judge_query(
+        self, query: Any, registered: AnyFix, promise: float | None, is_tracked: bool = False
+    ) -> Fix:
+        """The fix of a query, by the poses that it may have; its time is yet to be filled in.
+
+        `is_tracked` says that these were sought near a guess alone.
+        """
+        return self.judge(registered, promise)
 
     def judge(self, registered: AnyFix, promise: float | None) -> Fix:
         """The fix of a registered scan, with the verdict that a promise allows.

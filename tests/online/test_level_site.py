@@ -23,7 +23,7 @@ from pipeline.level.level_map import Drawing, LevelMap
 from pipeline.level.verdict import OF_SWEEPS
 from pipeline.online.description import describe
 from pipeline.online.level_pack import CARMEN, pack_sweeps
-from pipeline.online.level_site import LevelSite, LevelTracker
+from pipeline.online.level_site import LevelSite
 from pipeline.online.site import NO_LIMITS, Site
 from pipeline.online.tracking import Tracker
 from pipeline.report.figures.level_plan import Plan
@@ -197,7 +197,7 @@ def test_a_tracker_finds_a_robot_again_that_was_carried_without_odometry(hall: P
     site = Site.open(hall)
     assert isinstance(site, LevelSite)
     sweeps = drive(seed=4)
-    tracker = LevelTracker(site, 0.95)
+    tracker = Tracker(site, 0.95)
     for row in range(30):
         at = row if row < 15 else row + 20  # it is carried 20 sweeps farther, without odometry
         step = None if row in (0, 15) else sweeps.step(at)
@@ -205,8 +205,6 @@ def test_a_tracker_finds_a_robot_again_that_was_carried_without_odometry(hall: P
         true = sweeps.world_T_sweep[at, None]
         assert fix.verdict != "accepted" or OF_SWEEPS.right(fix.world_T_sensor[None], true)
     assert fix.verdict == "accepted"
-    with pytest.raises(InputError, match="a LevelTracker follows its sweeps"):
-        Tracker(site)
 
 
 def test_a_level_track_starts_only_from_a_fix_that_its_own_sweeps_accept(hall: Path) -> None:
@@ -216,7 +214,7 @@ def test_a_level_track_starts_only_from_a_fix_that_its_own_sweeps_accept(hall: P
     unsure = copy(site)
     unsure.promises = dict.fromkeys(site.promises, NO_LIMITS)  # no sweeps alone are accepted
     sweeps = drive(seed=4)
-    tracker = LevelTracker(unsure, 0.95)
+    tracker = Tracker(unsure, 0.95)
     for row in range(6):
         fix = tracker.localize(sweeps.points(row), sweeps.step(row))
         assert (fix.verdict, fix.promised_precision) == ("rejected", None)

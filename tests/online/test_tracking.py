@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.online.motion import Motion
 from pipeline.online.site import NO_LIMITS, Site
-from pipeline.online.tracking import PATIENCE, Motion, Tracker
+from pipeline.online.tracking import PATIENCE, Tracker
 from pipeline.posing.fix import Fix as Registered
 from tests.online.made import ANCHORS, packed
 from tests.posing.scene import hypothesis, planar, scene, seen_from
@@ -151,5 +152,6 @@ def test_the_command_follows_a_path(tmp_path: Path, capsys: pytest.CaptureFixtur
 def test_a_tracked_pose_is_never_called_near(site: Site) -> None:
     """At an overlap of .5 a pose is near if the whole map was searched for others, else rejected."""
     found = Registered.of([hypothesis(0, 0.5)], site.doubt_judge.pose)
-    assert Tracker(site)._judge(found, is_tracked=False).verdict == "near"
-    assert Tracker(site)._judge(found, is_tracked=True).verdict == "rejected"
+    fix = site.judge(found, 0.99)
+    assert Tracker(site)._believed(fix, is_tracked=False).verdict == "near"
+    assert Tracker(site)._believed(fix, is_tracked=True).verdict == "rejected"
