@@ -37,7 +37,6 @@ if TYPE_CHECKING:  # at run time these would slow the start of every command
 
     from pipeline.core.frames import Poses
     from pipeline.online.site import Site
-    from pipeline.online.site_json import Sensor
 
 Inputs = Annotated[
     list[str],
@@ -101,7 +100,7 @@ def localize(
     options = ScanOptions.of(
         site, topic=topic, odometry=odometry, body_T_lidar=body_T_lidar, lift_m=lift
     )
-    summary = Summary(site.is_level)
+    summary = Summary(site.doubt_judge.tolerances)
     tracker = tracker_of(site, promise, track)
     tell_cold()
     with writer(output_format, out) as write:
@@ -110,8 +109,8 @@ def localize(
             # `localized` appends to `broken` why a scan could not be read
             for scan, points_m, fix in localized(scans, tracker or site, promise, summary.broken):
                 is_first = not summary.verdicts
-                if is_first and not site.is_level:
-                    _warn_if_unlike(points_m, site.description.sensor, scan.body_T_lidar)
+                if is_first:
+                    _warn_if_unlike(points_m, site, scan.body_T_lidar)
                 write(scan, fix)
                 summary.add(scan, fix)
     summary.check_any(" ".join(inputs))
@@ -146,15 +145,13 @@ def _check_lift(lift_m: float, inputs: list[str], site: "Site") -> None:
 
 
 def _warn_if_unlike(
-    points_m: "NDArray[np.float64]", sensor: "Sensor", body_T_lidar: "Poses | None"
+    points_m: "NDArray[np.float64]", site: "Site", body_T_lidar: "Poses | None"
 ) -> None:
     """Print how the points (n, 3) of a scan differ from the scans that the site learned.
 
     `body_T_lidar` (4, 4) is where the scan's points say that the lidar is, if they do.
     """
-    from pipeline.online.sensor import unlike
-
-    for line in unlike(points_m, sensor, body_T_lidar):
+    for line in site.unlike(points_m, body_T_lidar):
         print(
             f"yearloc localize: unlike the scans that the site was learned with: {line}",
             file=sys.stderr,

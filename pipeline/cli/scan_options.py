@@ -32,8 +32,8 @@ class ScanOptions:
     """The odometry of a bag: a topic of poses, or tf:PARENT>CHILD."""
     body_T_lidar: "Poses | None"
     """The pose (4, 4) that places the points, instead of `lift_m` and a bag's transforms."""
-    is_level: bool
-    """Whether the site is of a level 2-D laser: then a bag's sweeps are read, not its clouds."""
+    message: str
+    """The kind of a bag's messages that are read: clouds, or of a level site sweeps."""
 
     @classmethod
     def of(
@@ -54,7 +54,7 @@ class ScanOptions:
             topic=topic,
             odometry=odometry,
             body_T_lidar=lidar_of(body_T_lidar),
-            is_level=site.is_level,
+            message=site.message,
         )
 
     def scans_or_followed(
@@ -83,7 +83,7 @@ class ScanOptions:
             odometry=self.odometry,
             skipped=skipped,
             body_T_lidar=self.body_T_lidar,
-            is_level=self.is_level,
+            message=self.message,
         )
 
     def followed_scans(self, path: str, idle_s: float, summary: "Summary") -> "Iterator[Scan]":
@@ -113,7 +113,7 @@ def check_site(
 ) -> None:
     """Raise ConfigError for options of `localize` and `watch` that this site cannot heed."""
     site.check(promise)
-    if odometry and not track and not site.is_level:
+    if odometry and not track and not site.gathers:
         raise ConfigError(f"--odometry {odometry}: needs --track")
     if site.is_level and follow:
         raise ConfigError("--follow: follows 3-D scans, and the site is level")

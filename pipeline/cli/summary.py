@@ -12,6 +12,7 @@ from pipeline.core.errors import LogError
 if TYPE_CHECKING:  # at run time these would slow the start of every command
     from pipeline.online.inputs import Scan
     from pipeline.online.site import Fix
+    from pipeline.posing.verdict import Tolerances
 
 PRINTED_VERDICTS = ("accepted", "near", "ambiguous", "rejected", "no pose")
 """The verdicts in the order in which their counts are printed."""
@@ -20,8 +21,9 @@ PRINTED_VERDICTS = ("accepted", "near", "ambiguous", "rejected", "no pose")
 class Summary:
     """Counts over all scans of a command: verdicts, times, and whether accepted fixes are right."""
 
-    def __init__(self, is_level: bool = False) -> None:
-        self.is_level = is_level
+    def __init__(self, tolerances: "Tolerances") -> None:
+        """`tolerances` are those of the site: how far a right pose may be off."""
+        self.tolerances = tolerances
         self.verdicts: Counter[str] = Counter()
         """Counts of the localised scans by the verdict on their fix."""
         self.broken: list[str] = []
@@ -41,15 +43,10 @@ class Summary:
         """Count one more localised scan."""
         import numpy as np
 
-        if self.is_level:
-            from pipeline.level.verdict import OF_SWEEPS as TOLERANCES
-        else:
-            from pipeline.posing.verdict import OF_SCANS as TOLERANCES
-
         self.verdicts[fix.verdict] += 1
         self._took_ms.append(fix.ms)
         if fix.verdict == "accepted" and np.isfinite(scan.world_T_scan).all():
-            (right,) = TOLERANCES.right(fix.world_T_sensor[None], scan.world_T_scan[None])
+            (right,) = self.tolerances.right(fix.world_T_sensor[None], scan.world_T_scan[None])
             self._rightness[bool(right)] += 1
 
     def check_any(self, source: str) -> None:
@@ -65,10 +62,10 @@ class Summary:
         """The summary's lines: verdicts and times, then what else there is to say."""
         lines = [self._verdict_line()]
         if self._rightness:
-            limit = "1 m or 10°" if self.is_level else "2 m or 5°"
+            right_m, right_deg = self.tolerances.right_within
             lines.append(
                 f"of {self._rightness.total()} accepted with a true pose {self._rightness[False]} "
-                f"are over {limit} off"
+                f"are over {right_m:g} m or {right_deg:g}° off"
             )
         if self.steps:
             lines.append(

@@ -66,7 +66,7 @@ def watch(
     open_recording: Any = foxglove.Recording if is_for_foxglove else rerun.Recording
     tell_cold()
     options = ScanOptions.of(site, topic=topic, odometry=odometry, body_T_lidar=body_T_lidar)
-    summary = Summary(site.is_level)
+    summary = Summary(site.doubt_judge.tolerances)
     all_scans = options.scans_or_followed(log, follow, idle, summary)
     scans = islice(all_scans, 0, None, every)  # every N-th, from the first on
     localizer = tracker_of(site, promise, track) or site

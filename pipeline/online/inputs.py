@@ -68,9 +68,9 @@ def scans(
     odometry: str | None = None,
     skipped: Counter[str] | None = None,
     body_T_lidar: Poses | None = None,
-    is_level: bool = False,
+    message: str = CLOUD,
 ) -> Iterator[Scan]:
-    """The scans at a path, or of standard input for `-`; of bags the sweeps if `is_level`.
+    """The scans at a path, or of standard input for `-`; of bags the messages of a kind.
 
     A path is opened as the first of these that it can be:
 
@@ -100,8 +100,7 @@ def scans(
             yield _of_log(log, row, path, str(path))
     elif bags := find(path):
         files = [BagFile(bag) for bag in bags]
-        kind = SWEEP if is_level else CLOUD
-        yield from _of_bags(path, files, kind, topic, odometry, lift_m, body_T_lidar, skipped)
+        yield from _of_bags(path, files, message, topic, odometry, lift_m, body_T_lidar, skipped)
     else:
         for file in [path] if path.is_file() else _files(path):
             points = partial(_points_of_file, file)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
-from pipeline.core.frames import moved
+from pipeline.core.frames import Poses, moved
+from pipeline.formats.bag import SWEEP
 from pipeline.level.field import Field
 from pipeline.level.fix import LevelFix
 from pipeline.level.level_map import LevelMap
@@ -34,6 +35,7 @@ class LevelSite(Site):
 
     is_level = True
     gathers = True
+    message = SWEEP
 
     # callers use only what both kinds of site describe
     description: LevelDescription  # type: ignore[assignment]
@@ -51,6 +53,21 @@ class LevelSite(Site):
         verdict = parts.description.verdict
         self.doubt_judge = Judge(verdict.pose, verdict.place, OF_SWEEPS)
         self.promises = verdict.limits
+
+    @property
+    def path_m(self) -> None:
+        """A level site keeps no path."""
+        return None
+
+    def walls_of(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """All hits (n, 3) of a sweep: none is of the ground."""
+        return points_m
+
+    def unlike(
+        self, points_m: NDArray[np.float64], body_T_lidar: Poses | None, *ways: tuple[str, str]
+    ) -> list[str]:
+        """A level site knows nothing of its sensor; no warning."""
+        return []
 
     @cached_property
     def walls_m(self) -> NDArray[np.float64]:

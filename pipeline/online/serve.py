@@ -24,7 +24,6 @@ from starlette.requests import ClientDisconnect
 
 from pipeline.core.errors import ConfigError, InputError, LogError, YearlocError
 from pipeline.core.frames import Poses, moved
-from pipeline.online import sensor
 from pipeline.online.bodies import CDR, FLOATS, LARGEST_BYTES, points
 from pipeline.online.inputs import NO_POSE, Scan, placement
 from pipeline.online.outputs import record
@@ -131,8 +130,8 @@ def serving(path: Path, token: str = "") -> FastAPI:
             except YearlocError as error:
                 raise RequestError(400, str(error)) from None
         last_ms = fix.ms
-        if sensor_warnings is None and fix.verdict != "no pose" and not site.is_level:
-            sensor_warnings = sensor.unlike(points_m, site.description.sensor, body_T_lidar, WAYS)
+        if sensor_warnings is None and fix.verdict != "no pose":
+            sensor_warnings = site.unlike(points_m, body_T_lidar, WAYS)
         answers.labels(fix.verdict).inc()
         durations.observe(fix.ms / 1e3)
         scan = Scan("", stamp_ns, lambda: points_m, NO_POSE, NO_POSE)

@@ -13,14 +13,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, Self, cast
+from typing import Any, ClassVar, Literal, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.building import build
 from pipeline.core.errors import ArtifactError, InputError, NotInstalledError, YearlocError
+from pipeline.core.frames import Poses, moved
+from pipeline.formats.bag import CLOUD
 from pipeline.mapping.appearance import is_level
+from pipeline.mapping.from_above import standing
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Localizer, Ranking, Rows
 from pipeline.networks.plain import Plain
@@ -48,6 +51,8 @@ FARTHEST_M = 1e3
 """Points farther from the origin are dropped: no lidar sees so far."""
 SWEEP_POINTS = 50
 """Fewer points do not tell a level sweep from a 3-D scan; they make no pose anyway."""
+WALLS_M = (0.3, np.inf)
+"""Points below the first of these heights are ground, which would hide the walls."""
 Word = Literal["accepted", "near", "ambiguous", "rejected", "no pose"]
 """The verdict on a fix, at the promised precision that was asked for.
 
@@ -116,6 +121,8 @@ class Site:
     """Whether it localises the sweeps of a level 2-D laser, not 3-D scans."""
     gathers = False
     """Whether it gathers scans along a drive, and so takes their odometry without tracking too."""
+    message: ClassVar[str] = CLOUD
+    """The kind of a bag's messages that it localises."""
 
     def __init__(self, parts: Parts, threads: int = 1) -> None:
         """Build a site from the content of its file; `threads` is for the network."""
@@ -320,6 +327,32 @@ class Site:
             for promise in self.promises
             if chance >= promise and (by_path or promise <= kept_alone)
         ]
+
+    @property
+    def path_m(self) -> NDArray[np.float64] | None:
+        """The path (n, 3) along which it was learned, in metres in the world, if it is kept."""
+        return np.asarray(self.targets.world_T_anchor[:, :3, 3])
+
+    def walls_of(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Those of a scan's points (n, 3) that may be of walls: without the ground."""
+        return standing(points_m, WALLS_M)
+
+    @property
+    def walls_m(self) -> NDArray[np.float64]:
+        """The points (n, 3) of all walls of the map, in metres in the world."""
+        walls_m = [
+            moved(world_T_anchor, self.walls_of(self.targets.points_m(row)))
+            for row, world_T_anchor in enumerate(self.targets.world_T_anchor)
+        ]
+        return np.concatenate(walls_m)
+
+    def unlike(
+        self, points_m: NDArray[np.float64], body_T_lidar: Poses | None, *ways: tuple[str, str]
+    ) -> list[str]:
+        """Warnings where the sensor of a scan (n, 3) is unlike the site's: see sensor.unlike."""
+        from pipeline.online.sensor import unlike  # takes long to import
+
+        return unlike(points_m, self.description.sensor, body_T_lidar, *ways)
 
     def place(self, world_T_query: NDArray[np.float64]) -> int:
         """The place that a pose (4, 4) lies in."""

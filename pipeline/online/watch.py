@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import needed
-from pipeline.core.frames import Poses, moved
+from pipeline.core.frames import Poses
 from pipeline.core.replacing import replace
-from pipeline.mapping.from_above import standing
 from pipeline.online.inputs import Scan
-from pipeline.online.level_site import LevelSite
 from pipeline.online.site import Fix, Site
 
 COLOURS = {
@@ -32,8 +30,6 @@ PATH_GREY = (90, 90, 90)
 TRUTH_YELLOW = (240, 228, 66)
 MAP_POINTS = 400_000
 """The map is thinned to about so many points."""
-WALLS_M = (0.3, np.inf)
-"""Points below the first of these heights are ground, which would hide the walls."""
 BEHIND_M = (-22.0, 0.0, 13.0)
 AHEAD_M = (10.0, 0.0, 0.0)
 """Where the camera behind the robot is and what it looks at, in the robot's frame."""
@@ -85,7 +81,7 @@ class Recording(ExitStack):
         stream.set_time("scan", sequence=number)
         if scan.stamp_ns is not None:
             stream.set_time("time", timestamp=np.datetime64(scan.stamp_ns, "ns"))
-        walls_m = points_m if self._site.is_level else standing(points_m, WALLS_M)
+        walls_m = self._site.walls_of(points_m)
         colour = COLOURS[fix.verdict]
         self._log_placed(ROBOT, walls_m, fix.world_T_sensor, colour)
         runner_up = fix.runners_up[0] if fix.runners_up else None
@@ -116,11 +112,11 @@ class Recording(ExitStack):
         self._stream.log(
             "world/map", rerun.Points3D(points_m, colors=MAP_GREY, radii=0.06), static=True
         )
-        if not isinstance(self._site, LevelSite):  # of a level site no path is kept
-            anchors_m = self._site.targets.world_T_anchor[:, :3, 3] - self._origin_m
+        path_m = self._site.path_m
+        if path_m is not None:
             self._stream.log(
                 "world/training",
-                rerun.LineStrips3D([anchors_m], colors=PATH_GREY, radii=0.15),
+                rerun.LineStrips3D([path_m - self._origin_m], colors=PATH_GREY, radii=0.15),
                 static=True,
             )
         for path, colour, name in (
@@ -216,22 +212,11 @@ def origin(site: Site) -> NDArray[np.float64]:
 
     They use float32, in which coordinates as large as UTM's are off by decimetres.
     """
-    if isinstance(site, LevelSite):
-        places_m = site.walls_m
-    else:
-        places_m = site.targets.world_T_anchor[:, :3, 3]
+    places_m = site.walls_m if site.path_m is None else site.path_m
     return np.append(np.rint(places_m[:, :2].mean(axis=0)), 0.0)
 
 
 def whole_map(site: Site) -> NDArray[np.float64]:
     """The points (n, 3) of all walls of the map, in metres in the world, thinned to MAP_POINTS."""
-    if isinstance(site, LevelSite):
-        points_m = site.walls_m
-    else:
-        targets = site.targets
-        walls_m = [
-            moved(world_T_anchor, standing(targets.points_m(row), WALLS_M))
-            for row, world_T_anchor in enumerate(targets.world_T_anchor)
-        ]
-        points_m = np.concatenate(walls_m)
+    points_m = site.walls_m
     return points_m[:: max(1, len(points_m) // MAP_POINTS)]
