@@ -180,12 +180,12 @@ def checked(group: str) -> Callable[[type[Filled]], type[Filled]]:
     """
 
     def decorate(cls: type[Filled]) -> type[Filled]:
-        own: Callable[[Any], None] | None = cls.__dict__.get("__post_init__")
+        post_init: Callable[[Any], None] | None = cls.__dict__.get("__post_init__")
 
         def check_first(settings: Any) -> None:
             check(settings, group)
-            if own:
-                own(settings)
+            if post_init:
+                post_init(settings)
 
         cls.__post_init__ = check_first  # type: ignore[attr-defined]  # dataclass calls it
         return cls

@@ -98,7 +98,7 @@ def _topic_rows(contents: Contents) -> list[tuple[str, ...]]:
 def _transform_rows(contents: Contents) -> list[tuple[str, ...]]:
     """A row for each transform: its frames, number of messages, and place if it is fixed."""
     rows: list[tuple[str, ...]] = []
-    tree = contents.transforms.every()
+    tree = contents.transforms.read_all()
     for (parent, child), (stamps_ns, poses) in sorted(tree.edges.items()):
         motion = "moves"
         if not tree.moves(parent, child):

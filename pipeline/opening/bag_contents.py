@@ -184,7 +184,7 @@ def pose_sources(contents: Contents) -> tuple[TopicSummary | None, TopicSummary 
     Each is None where the bags hold no such source.
     """
     sources = contents.of(*KINDS)
-    tree = contents.transforms.every()
+    tree = contents.transforms.read_all()
     frames = {frame for edge in tree.edges for frame in edge}
     body = contents.transforms.vehicle()
     for world in (*WORLDS, "odom"):

@@ -23,7 +23,7 @@ class Transforms:
 
     static: Tree
     """Those on tf_static."""
-    every: Callable[[], Tree]
+    read_all: Callable[[], Tree]
     """Reads all, which may be many."""
 
     @classmethod
@@ -37,7 +37,7 @@ class Transforms:
         None where they lead between none of them.
         """
         poses = (self.static.fixed(a, b) for a, b in ends)
-        repeated_poses = (self.every().fixed(a, b) for a, b in ends)
+        repeated_poses = (self.read_all().fixed(a, b) for a, b in ends)
         return next((pose for pose in chain(poses, repeated_poses) if pose is not None), None)
 
     def body_T_lidar(self, bodies: Sequence[str], lidar_frames: set[str]) -> Poses | None:
@@ -53,5 +53,5 @@ class Transforms:
 
     def vehicle(self) -> str | None:
         """The likeliest frame of the vehicle that any transform names; None where there is none."""
-        frames = {frame for edge in self.every().edges for frame in edge}
+        frames = {frame for edge in self.read_all().edges for frame in edge}
         return next((body for body in BODIES if body in frames), None)

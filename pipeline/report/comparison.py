@@ -141,8 +141,8 @@ class Comparison:
             raise InputError("a comparison needs at least one row of the table of results")
         is_measure = table["number"].isin({measure.name for measure in MEASURES})
         rows = table[is_measure & table["ask"].isin([UNPERTURBED, STRESS, PERTURBED])]
-        asked = rows[["ask", "of", "at"]].itertuples(index=False)
-        rows = rows.assign(case=[Kind.of_row(*columns) for columns in asked])
+        kind_columns = rows[["ask", "of", "at"]].itertuples(index=False)
+        rows = rows.assign(case=[Kind.of_row(*columns) for columns in kind_columns])
         self.models = [*rows["model"].unique()]  # methods and variants, in the order they come
         # as driven comes first
         self.kinds = sorted(rows["case"].unique(), key=lambda kind: kind.change != "")
@@ -192,7 +192,7 @@ class Comparison:
         if not len(differences):
             return Margin(np.nan, 0, False)
         value = float(differences.mean())
-        over_seeds = [np.nan_to_num(one.over_seeds, nan=ONE_SEED) for one in both]
+        over_seeds = [np.nan_to_num(measurement.over_seeds, nan=ONE_SEED) for measurement in both]
         noise = np.nanmax([deviation(differences), *over_seeds])
         same_sign = bool((differences > 0).all() or (differences < 0).all())
         clear = len(differences) > 1 and same_sign and abs(value) > noise

@@ -394,11 +394,11 @@ def headings(study: Study) -> Table | None:
 def novelties(study: Study, protocol: str) -> Table:
     """How each kind of novelty rejects by one protocol: means, and the sequence of worst AUROC."""
     rows = []
-    asked = pick(study.rows, ask=NOVELTY, protocol=protocol, seed=0)
+    novelty_rows = pick(study.rows, ask=NOVELTY, protocol=protocol, seed=0)
     for model, group in by_model(study.results).items():
         sequences = [result.sequence for result in group]
         for i, kind in enumerate(group[0].evaluation.kinds):
-            values = pick(asked, model=model, of=kind).pivot(
+            values = pick(novelty_rows, model=model, of=kind).pivot(
                 index="sequence", columns="number", values="value"
             )
             values = values.loc[sequences]

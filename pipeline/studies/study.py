@@ -237,11 +237,11 @@ class Study:
                     f"source={origin['source']} and heeds={origin['heeds']}: expected world and "
                     "simulated, or readers and reader"
                 )
-            given = {key: value for key, value in table.items() if value not in EMPTY}
+            filled_keys = {key: value for key, value in table.items() if value not in EMPTY}
             settings = {
                 "question": YEAR,
                 "tolerance": TOLERANCE,
-                **given,
+                **filled_keys,
                 "name": name,
                 "simulated": origin == SIMULATED,
                 "key_order": [*table],
@@ -346,10 +346,10 @@ def _of_conf(conf: Path, kind: Any, value: Any) -> Any:
     return {"stage": stage_of(conf, table.get("view", "")), **table}
 
 
-def _refuse_unknown(what: str, table: Mapping[str, Any], known: Collection[str]) -> None:
+def _refuse_unknown(what: str, table: Mapping[str, Any], keys: Collection[str]) -> None:
     for key in table:
-        if key not in known:
-            raise ConfigError(f"{what} has a key {key}; expected some of {', '.join(known)}")
+        if key not in keys:
+            raise ConfigError(f"{what} has a key {key}; expected some of {', '.join(keys)}")
 
 
 @contextmanager

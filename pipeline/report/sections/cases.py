@@ -47,10 +47,10 @@ def sections(study: Study, folder: Path, least_queries: int) -> Iterator[Section
     for alteration, sequences in study.settings.altered.items():
         # an alteration that is not named by its change has several, such as `glance`
         changes = (alteration,) if alteration in CHANGES else CHANGES
-        asked = rows[rows["sequence"].isin(sequences)]
-        is_altered = (asked["ask"] == PERTURBED) & asked["of"].str.startswith(changes)
-        altered_rows = asked[is_altered | asked["ask"].isin([UNPERTURBED, STRESS])]
-        models = asked.loc[is_altered, ["model", "seed"]]
+        day_rows = rows[rows["sequence"].isin(sequences)]
+        is_altered = (day_rows["ask"] == PERTURBED) & day_rows["of"].str.startswith(changes)
+        altered_rows = day_rows[is_altered | day_rows["ask"].isin([UNPERTURBED, STRESS])]
+        models = day_rows.loc[is_altered, ["model", "seed"]]
         comparison = Comparison(altered_rows.merge(models.drop_duplicates()), n_way)
         make_section = _structure if alteration in UNITS else _glance
         if alteration == "turned":

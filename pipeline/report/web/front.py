@@ -43,12 +43,12 @@ def front(study: Study) -> dict[str, Any]:
     results = [result for group in compared.values() for result in group]
     cards = [results, [result for model in folded for result in models[model]]]
     days = list(dates(study.results).values())
-    own, baseline = rivals(study.settings, study.best, list(compared))
+    compared_model, baseline = rivals(study.settings, study.best, list(compared))
     return {
         "study": study,
         "best": best,
         # a variant without its poses is no model of the report if the study is not of the year
-        "own": models.get(own) or models[method_of(own)],
+        "own": models.get(compared_model) or models[method_of(compared_model)],
         "baseline": models.get(baseline),
         "folded": folded,
         "dates": days,
@@ -78,11 +78,11 @@ def rivals(settings: StudySettings, best: str, compared: Sequence[str]) -> tuple
     family = method_of(best).partition("_")[0]
     others = [named[model] for model in compared if method_of(model).partition("_")[0] != family]
     others.sort(key=lambda other: bool(other.variant))
-    for own in named[best].plainer:
+    for plainer in named[best].plainer:
         for other in others:
-            is_same_kind = (other.posed, other.path) == (own.posed, own.path)
-            if is_same_kind and (own.posed or not other.variant):
-                return own.name, other.name
+            is_same_kind = (other.posed, other.path) == (plainer.posed, plainer.path)
+            if is_same_kind and (plainer.posed or not other.variant):
+                return plainer.name, other.name
     return best, ""
 
 
