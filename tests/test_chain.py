@@ -101,7 +101,6 @@ def test_a_model_of_the_chain_learns_its_day_street_by_street(built, tmp_path):
     town = yaml.safe_load((built.folder / "conf/studies.yaml").read_text())["studies"]["town"]
     days = f"train='{town['train']}'", f"query_days='{town['tests'][0]}'"
     course = (
-        "dataset=town",
         "study=town",
         "simulated=true",
         "cells=10m",

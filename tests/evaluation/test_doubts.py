@@ -10,7 +10,7 @@ from pipeline.evaluation.doubts import BLIND, VOID, blind, doubts, unsuited
 from pipeline.evaluation.protocols import Distance
 from pipeline.matching.rejection import ACCEPT_NOTHING
 from tests.artifacts import SUITED
-from tests.views.made import ALONG, POLES_M, artifacts
+from tests.views.made import ALONG, artifacts
 
 NOVELTY = np.linspace(0, 1, 40)
 MANY = np.arange(40)
@@ -77,6 +77,6 @@ def test_submaps_that_do_not_suit_the_views(
     tmp_path: Path, appearance: dict, left_out: dict, applies: dict
 ) -> None:
     _, submaps = artifacts(
-        tmp_path, [POLES_M] * 3, ALONG, appearance=SUITED | appearance, left_out=left_out
+        tmp_path, [np.eye(3)] * 3, ALONG, appearance=SUITED | appearance, left_out=left_out
     )
     assert unsuited(submaps) == applies
