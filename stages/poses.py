@@ -12,7 +12,7 @@ Level sweeps, of a 2-D laser, are searched in a grid of the whole map instead.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
@@ -148,10 +148,10 @@ def learned_of_scans(
 
 def scans_basis(settings: Settings) -> str:
     """What the verdict on 3-D scans is learned with."""
-    fixer = cast(dict[str, Any], OmegaConf.to_container(settings.fixer))
+    fixer = OmegaConf.merge(settings.fixer, settings.budget.poses or {})
     return basis(
         settings.model.read_bytes(),
-        fixer=fixer | dict(settings.budget.poses or {}),
+        fixer=OmegaConf.to_container(fixer),
         held_out=OmegaConf.to_container(settings.held_out),
         k=settings.k,
         unseen_share=settings.unseen_share,

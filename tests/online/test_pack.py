@@ -1,7 +1,9 @@
 """A site is packed from the artifacts of a study, and localises a scan of its places."""
 
+import json
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,6 +26,7 @@ from pipeline.running.texts import read_yaml
 from pipeline.studies.layout import Layout
 from pipeline.views.draw import AS_DRIVEN
 from pipeline.views.scan_context import ScanContext
+from stages.poses import scans_basis
 from tests.artifacts import write_views
 from tests.online.made import ANCHORS, GRID, scan
 from tests.posing.scene import planar, scene, seen_from
@@ -123,6 +126,20 @@ def test_a_site_is_packed_from_the_verdict_of_the_stage_poses(
     # the verdict of another model is none of this one's
     path = made / "poses/three/10m/scan_context/verdict.zarr"
     assert Learned.read(path, basis(b"another model")) is None
+
+
+def test_a_budgets_own_search_is_in_what_its_verdict_was_learned_with(tmp_path: Path) -> None:
+    """Its verdict is none of a site, which searches the whole map."""
+    model = tmp_path / "model"
+    model.write_bytes(b"model")
+    rounds = {}
+    for budget in ("demo", "minutes"):
+        with initialize_config_dir(str(ROOT / "conf"), version_base=None):
+            cfg = compose("poses", [f"budget={budget}"])
+        settings = SimpleNamespace(**{**cfg, "model": model})
+        settings.budget = SimpleNamespace(poses=cfg.budget.get("poses"))
+        rounds[budget] = json.loads(scans_basis(settings))["fixer"]["rounds"]
+    assert rounds == {"demo": [5, 20], "minutes": [5]}
 
 
 @pytest.mark.parametrize(
