@@ -19,19 +19,12 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, LogError, needed
 from pipeline.core.frames import Poses, Stamps, moved
-from pipeline.formats.bag import CLOUD, ODOMETRY, TRANSFORMS
-from pipeline.formats.messages import (
-    frame_name,
-    from_cdr,
-    header,
-    pose_numbers,
-    poses,
-    transform_numbers,
-)
+from pipeline.formats.bag import CLOUD, TRANSFORMS
+from pipeline.formats.messages import from_cdr, header, poses
 from pipeline.formats.pointcloud2 import decode, times_s
 from pipeline.online.inputs import NO_POSE, Scan, child_T_body, lidar_on_vehicle
 from pipeline.online.odometry import AHEAD_S, Newest
-from pipeline.readers.bag_poses import KINDS, MAX_FIXED_CHANGE, Tree
+from pipeline.readers.bag_poses import KINDS, MAX_FIXED_CHANGE, Edge, Tree, pose_of, transform_of
 from pipeline.readers.deskew import deskewed
 from pipeline.readers.log import raised
 from pipeline.readers.mounting import BODIES, Transforms
@@ -49,7 +42,7 @@ TRANSFORMS_S = 1.0
 LARGEST_RECORD_BYTES = 2**28
 """A larger record is taken for damage."""
 
-Edges = dict[tuple[str, str], tuple[Stamps, Poses]]
+Edges = dict[Edge, tuple[Stamps, Poses]]
 """For each pair of frames, parent and child, the stamps (n,) and parent_T_child (n, 4, 4)."""
 
 
@@ -251,40 +244,38 @@ class Following:
             return
         with self._changed:
             for transform in transforms:
-                parent = frame_name(transform.header.frame_id)
-                child = frame_name(transform.child_frame_id)
-                parent_T_child = poses([transform_numbers(transform)])
+                edge, stamp_ns, numbers = transform_of(transform)
+                parent, child = edge
+                parent_T_child = poses([numbers])
                 if self.odometry == f"tf:{parent}>{child}":
-                    self._add_pose(transform.header.stamp, record, child, parent_T_child[0])
+                    self._add_pose(stamp_ns, record, child, parent_T_child[0])
                 if np.isnan(parent_T_child).any():
                     continue
                 if is_static:
-                    self._static_edges[parent, child] = (np.zeros(1, np.int64), parent_T_child)
-                _, first = self._edges.get((parent, child), (None, parent_T_child))
+                    self._static_edges[edge] = (np.zeros(1, np.int64), parent_T_child)
+                _, first = self._edges.get(edge, (None, parent_T_child))
                 if np.abs(parent_T_child - first[:1]).max() > MAX_FIXED_CHANGE:
                     parent_T_child = np.concatenate([first[:1], parent_T_child])
                 elif len(first) > 1:  # it moves, and has come back
                     continue
-                stamps_ns = np.zeros(len(parent_T_child), np.int64)
-                self._edges[parent, child] = (stamps_ns, parent_T_child)
+                self._edges[edge] = (np.zeros(len(parent_T_child), np.int64), parent_T_child)
             self._changed.notify()
 
     def _keep_pose(self, record: Any, kind: str) -> None:
         """Keep the pose of an odometry message; one that is broken is passed over."""
         try:
+            stamp_ns, _ = header(record.data, 2)
             message = from_cdr(record.data, kind)
         except LogError:
             return
-        child = frame_name(message.child_frame_id) if kind == ODOMETRY else ""
+        child, numbers, _ = pose_of(message, kind)
         with self._changed:
-            numbers = pose_numbers(message, kind)
-            self._add_pose(message.header.stamp, record, child, poses([numbers])[0])
+            self._add_pose(stamp_ns, record, child or "", poses([numbers])[0])
             self._changed.notify()
 
-    def _add_pose(self, stamp: Any, record: Any, child: str, odom_T_child: Poses) -> None:
-        stamp_ns = stamp.sec * 10**9 + stamp.nanosec or int(record.log_time)
+    def _add_pose(self, stamp_ns: int, record: Any, child: str, odom_T_child: Poses) -> None:
         self._child = child
-        self._newest_poses.add(stamp_ns, odom_T_child)
+        self._newest_poses.add(stamp_ns or int(record.log_time), odom_T_child)
 
     def _keep_cloud(self, record: Any) -> None:
         """Let a cloud wait to be taken; if too many wait, the oldest is dropped."""

@@ -65,7 +65,7 @@ def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
         parent, _, child = name.removeprefix("tf:").partition(">")
         return Tree.read(files, moving=True).track(parent, child, max_gap_s)
     where = files[0].path
-    sent, broken_count = messages(files, name, KINDS, _pose)
+    sent, broken_count = messages(files, name, KINDS, pose_of)
     frames = {message.frame for message in sent}
     contents = [message.content for message in sent]
     children = {child for child, _, _ in contents if child is not None}
@@ -130,10 +130,20 @@ def messages(
     return whole, broken_count
 
 
-def _pose(message: Any, kind: str) -> tuple[str | None, tuple[float, ...], tuple[float, float]]:
-    """The body's frame, None if not named; its position and quaternion; and their variance."""
+def pose_of(message: Any, kind: str) -> tuple[str | None, tuple[float, ...], tuple[float, float]]:
+    """The body's frame, None if not named; its position and quaternion; and their variance.
+
+    `kind` is the message's type, one of KINDS.
+    """
     child = frame_name(message.child_frame_id) if kind == ODOMETRY else None
     return child, pose_numbers(message, kind), gathered_variance(message, kind)
+
+
+def transform_of(stamped: Any) -> tuple[Edge, int, tuple[float, ...]]:
+    """The frames of a TransformStamped; its stamp in ns; its position and quaternion."""
+    stamp = stamped.header.stamp
+    edge = (frame_name(stamped.header.frame_id), frame_name(stamped.child_frame_id))
+    return edge, stamp.sec * 10**9 + stamp.nanosec, transform_numbers(stamped)
 
 
 class _Link(NamedTuple):
@@ -174,10 +184,7 @@ class Tree:
                     broken_count += 1
                     continue
                 for stamped in transforms:
-                    stamp = stamped.header.stamp
-                    stamp_ns = stamp.sec * 10**9 + stamp.nanosec
-                    numbers = transform_numbers(stamped)
-                    edge = (frame_name(stamped.header.frame_id), frame_name(stamped.child_frame_id))
+                    edge, stamp_ns, numbers = transform_of(stamped)
                     message = Message(key.received_ns, stamp_ns, edge[0], numbers)
                     messages_by_edge[edge].append(message)
         edges: dict[Edge, tuple[Stamps, Poses]] = {}
