@@ -287,6 +287,13 @@ def average(values: Any, axis: int | None = None) -> Any:
     return np.ma.filled(mean, np.nan)[()]
 
 
+def deviation(values: Any) -> float:
+    """Standard deviation of the finite values; NaN for fewer than two."""
+    values = np.asarray(values, np.float64)
+    finite = values[np.isfinite(values)]
+    return float(finite.std(ddof=1)) if len(finite) > 1 else np.nan
+
+
 def share(flags: NDArray[np.bool_], among: NDArray[np.bool_], weight: Weight) -> Number:
     """The share of the queries `among` (q,) that have a flag (q,)."""
     return ratio(weight @ (flags & among), weight @ among, empty=np.nan)

@@ -2,7 +2,7 @@
 
 A row is one number with its 95 % interval. The other columns say of which model it is, on which
 sequence, what the model was asked and by which protocol. Reports, figures and MLflow select from
-these rows; `results` and `study_rows` gather them.
+these rows with `pick` and `indexed`; `results` and `study_rows` gather them.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from pipeline.alterations import Case
 from pipeline.evaluation.judgement import Evaluation
@@ -19,6 +20,9 @@ from pipeline.evaluation.protocols import PROTOCOLS
 TableRows = Iterator[dict[str, Any]]
 """Rows, each from column to value. Columns are left out that the caller adds to all rows, and those
 that keep their default (see `table`)."""
+Values = tuple[float, float, float]
+"""A number and its 95 % interval, lowest and highest; NaN where there is none."""
+NONE: Values = (np.nan, np.nan, np.nan)
 COLUMN_TYPES: Mapping[str, type] = {
     "study": str,
     "dataset": str,
@@ -196,3 +200,25 @@ def table(rows: Iterable[Mapping[str, Any]], **common: Any) -> pd.DataFrame:
     has_variant = frame["variant"] != ""
     frame["model"] = frame["method"].where(~has_variant, frame["method"] + "-" + frame["variant"])
     return frame.astype(COLUMN_TYPES)
+
+
+def pick(rows: pd.DataFrame, **entries: object) -> pd.DataFrame:
+    """The rows that have these entries in these columns, in the order of the table."""
+    for column, entry in entries.items():
+        rows = rows[rows[column] == entry]
+    return rows
+
+
+def values(rows: pd.DataFrame) -> NDArray[np.float64]:
+    """Value and interval of each row: (row, 3)."""
+    return np.asarray(rows[["value", "low", "high"]], np.float64)
+
+
+def indexed(rows: pd.DataFrame, *columns: str) -> dict[Any, Values]:
+    """Map the entries of some columns to the value and interval of their row.
+
+    A key is a tuple, or the entry itself for a single column. Where rows have equal keys the last
+    one counts.
+    """
+    keys = rows[columns[0]] if len(columns) == 1 else zip(*(rows[c] for c in columns), strict=True)
+    return dict(zip(keys, map(tuple, values(rows).tolist()), strict=True))

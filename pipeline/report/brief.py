@@ -17,8 +17,8 @@ from rich.text import Text
 
 from pipeline.evaluation.doubts import VOID
 from pipeline.evaluation.numbers import average
-from pipeline.report.result import Scores, day, ranked, read_scores
-from pipeline.report.selection import grouped, pick
+from pipeline.evaluation.rows import pick
+from pipeline.report.result import Scores, day, grouped, ranked, read_scores
 from pipeline.report.strategies import PROTOCOL, read_strategies
 from pipeline.report.table import MISSING, fixed
 from pipeline.studies.colours import method_of

@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
-from pipeline.evaluation.numbers import average
+from pipeline.evaluation.numbers import average, deviation
 from pipeline.evaluation.rows import PERTURBED, STRESS, UNPERTURBED, WITH_SHADOW
 from pipeline.studies.colours import method_of
 
@@ -107,12 +107,6 @@ class Measurement:
     def on(self, sequence: int) -> "Measurement":
         """The measurement on one sequence alone, given by its index."""
         return Measurement(self.values[:, sequence : sequence + 1])
-
-
-def deviation(values: NDArray[np.float64]) -> float:
-    """Standard deviation of the finite values; NaN for fewer than two."""
-    finite = values[np.isfinite(values)]
-    return float(finite.std(ddof=1)) if len(finite) > 1 else np.nan
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from collections.abc import Iterator, Mapping, Sequence
 import pandas as pd
 
 from pipeline.evaluation.numbers import LEVEL_POSES
+from pipeline.evaluation.rows import pick
 from pipeline.report import tables
 from pipeline.report.render import template
 from pipeline.report.result import Scores, ranked, read_scores
-from pipeline.report.selection import pick
 from pipeline.report.table import Table
 from pipeline.report.tables import ANSWERS, Column
 from pipeline.studies.study import Study

@@ -17,10 +17,9 @@ from pipeline.evaluation.doubts import BLIND, DOUBTS, VOID
 from pipeline.evaluation.numbers import MEASURES
 from pipeline.evaluation.paired import COMPARED, LEVEL
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.evaluation.rows import NEAR_CHANGE
+from pipeline.evaluation.rows import NEAR_CHANGE, Values, indexed, pick
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, PERCENTILE, SHOWN, TO_COME
-from pipeline.report.result import TITLES, Result, by_model, day, mean
-from pipeline.report.selection import Values, indexed, is_posed, pick
+from pipeline.report.result import TITLES, Result, by_model, day, is_posed, mean
 from pipeline.report.study import Study, against
 
 SLIGHT = 0.0005  # a smaller loss would be printed as 0

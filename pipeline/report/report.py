@@ -12,11 +12,11 @@ from typing import Any
 import pandas as pd
 
 from pipeline.core.errors import ArtifactError
+from pipeline.evaluation.rows import pick
 from pipeline.report import terminal
 from pipeline.report.render import template
 from pipeline.report.section import Section
 from pipeline.report.sections import cases, lifelong, viewpoints, year
-from pipeline.report.selection import pick
 from pipeline.report.study import Study
 from pipeline.report.web import page
 from pipeline.report.web.front import front

@@ -6,8 +6,10 @@ findings of a study of the year are made of lists of them.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
 from typing import TypeVar
 
 import numpy as np
@@ -18,8 +20,7 @@ from pipeline.core.errors import ArtifactError, InputError
 from pipeline.evaluation.doubts import VOID
 from pipeline.evaluation.judgement import NOT_JUDGED, Evaluation
 from pipeline.evaluation.numbers import average
-from pipeline.evaluation.rows import UNPERTURBED
-from pipeline.report.selection import NONE, Values, grouped, indexed, pick
+from pipeline.evaluation.rows import NONE, UNPERTURBED, Values, indexed, pick
 
 # The titles of the numbers that a study is about.
 TITLES = {"recall_at_1": "recall@1", "auc_top1": "AUC top-1", "auc_exact_top1": "exact AUC"}
@@ -28,17 +29,22 @@ DATE = re.compile(r"\d{4}-\d\d-\d\d")
 PRECISIONS = [percent / 100 for percent in range(50, 101)]
 ROUNDING = 1e-9  # a precision may fall short of one of PRECISIONS by so much
 AnyScores = TypeVar("AnyScores", bound="Scores")
+Item = TypeVar("Item")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scores:
     """The numbers of one model on one test sequence as it was driven."""
 
     model: str  # such as sci or scan_context-engaged
     sequence: str  # the test sequence, named by its date
     days: int  # whole days since the training sequence
-    # protocol and number to its value and interval; numbers of the whole year are among them
-    numbers: Mapping[tuple[str, str], Values]
+    rows: pd.DataFrame  # its rows of the table of results, those of the whole year among them
+
+    @cached_property
+    def numbers(self) -> dict[tuple[str, str], Values]:
+        """Protocol and number to its value and interval."""
+        return indexed(self.rows, "protocol", "number")
 
     @property
     def label(self) -> str:
@@ -85,7 +91,7 @@ class Scores:
         return self.values(protocol, name)[0]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Result(Scores):
     """One model on one test sequence as it was driven, with each query judged."""
 
@@ -112,21 +118,17 @@ def read_scores(rows: pd.DataFrame, tests: Sequence[str]) -> list[Scores]:
     judged = pick(driven[driven["sequence"].isin(tests)], protocol="distance")
     days = judged.groupby("sequence")["days"].first().astype(int)
     models = pick(judged, number="answered")["model"].unique()
-    # Rows without a model are of the study or its sequences, those without a sequence of all tests.
-    numbers: dict[tuple[str, str], dict[tuple[str, str], Values]] = {
-        key: indexed(group, "protocol", "number")
-        for key, group in driven.groupby(["model", "sequence"])
-    }
-    if len(models) and ("distance", "correct_m") not in numbers.get(("", ""), ()):
+    groups = dict(iter(driven.groupby(["model", "sequence"])))
+    scores = []
+    for model, sequence in product(models, days.index):
+        # Rows without a model are of the study, those without a sequence of all its tests.
+        levels = (("", ""), (model, ""), (model, sequence))
+        own = pd.concat([groups[level] for level in levels if level in groups])
+        scores.append(Scores(model, str(sequence), days[sequence], own))
+    if scores and ("distance", "correct_m") not in scores[0].numbers:
         raise ArtifactError(
             "the tables of results do not say how near is right; `dvc repro` gathers them anew"
         )
-    scores = []
-    for model in models:
-        year_numbers = numbers["", ""] | numbers.get((model, ""), {})
-        for sequence in days.index:
-            all_numbers = year_numbers | numbers.get((model, sequence), {})
-            scores.append(Scores(model, str(sequence), days[sequence], all_numbers))
     return scores
 
 
@@ -177,6 +179,19 @@ def by_sequence(results: Sequence[AnyScores]) -> dict[str, list[AnyScores]]:
     The models keep their order. Raises InputError if there are no results.
     """
     return grouped(_by_day(results), "sequence")
+
+
+def grouped(items: Iterable[Item], attribute: str) -> dict[str, list[Item]]:
+    """Group scores or strategies by one of their attributes; groups and items keep their order."""
+    groups: dict[str, list[Item]] = {}
+    for item in items:
+        groups.setdefault(getattr(item, attribute), []).append(item)
+    return groups
+
+
+def is_posed(model: str) -> bool:
+    """Whether a model, such as `sci-4way-pose`, answers with poses, by its name."""
+    return "pose" in model.split("-")
 
 
 def _by_day(results: Sequence[AnyScores]) -> list[AnyScores]:

@@ -14,9 +14,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.evaluation.numbers import average
-from pipeline.evaluation.rows import COURSE
+from pipeline.evaluation.rows import COURSE, pick
 from pipeline.report.findings import Finding
-from pipeline.report.selection import grouped, pick
+from pipeline.report.result import grouped
 
 # Strategies that are compared with each other: files of conf/strategy.
 GROWN = "grown"

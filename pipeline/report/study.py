@@ -21,10 +21,9 @@ from pipeline.core.store import A
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.protocols import Distance
-from pipeline.evaluation.rows import AGAINST, STRESS, UNPERTURBED
+from pipeline.evaluation.rows import AGAINST, STRESS, UNPERTURBED, pick
 from pipeline.mapping.from_above import Drive, Footprint, along
 from pipeline.report.result import Result, by_model, ranked, read_scores
-from pipeline.report.selection import pick
 from pipeline.studies import study as studies
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
@@ -137,7 +136,9 @@ class Study:
         for score in read_scores(self.rows, self.settings.tests):
             if score.model in self.families:
                 judged = self.artifact(Evaluations, "evaluate", score.sequence, score.model)
-                results.append(Result(**vars(score), evaluation=judged.case()))
+                results.append(
+                    Result(score.model, score.sequence, score.days, score.rows, judged.case())
+                )
         results.sort(key=lambda result: self.families.index(result.model))
         return [result for group in by_model(results).values() for result in group]
 

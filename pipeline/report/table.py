@@ -6,9 +6,10 @@ cell keeps the number itself, by which the page sorts its column.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from statistics import fmean, stdev
 
 import numpy as np
+
+from pipeline.evaluation.numbers import average, deviation
 
 MISSING = "–"
 WIDEST = 160  # characters that a terminal shows in a line
@@ -140,14 +141,10 @@ def spread(values: Iterable[float], digits: int) -> Cell:
 
     The number alone if there is one; a dash if there is none.
     """
-    finite = [float(value) for value in values if np.isfinite(value)]
-    if not finite:
-        return Cell(MISSING)
-    return Cell(
-        fixed(fmean(finite), digits),
-        fmean(finite),
-        f"± {short(stdev(finite), digits)}" if len(finite) > 1 else "",
-    )
+    values = [*values]
+    over = deviation(values)
+    small = f"± {short(over, digits)}" if np.isfinite(over) else ""
+    return replace(number(average(values), digits), small=small)
 
 
 def fixed(value: float, digits: int, sign: str = "-") -> str:

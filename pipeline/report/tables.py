@@ -21,10 +21,14 @@ from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.rows import (
     HEADING,
     NEAR_CHANGE,
+    NONE,
     NOVELTY,
     PERTURBED,
     UNPERTURBED,
     VIEWPOINT,
+    Values,
+    indexed,
+    pick,
 )
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, PERCENTILE, SHOWN
 from pipeline.evaluation.viewpoints import NUMBERS as VIEWPOINT_NUMBERS
@@ -42,8 +46,7 @@ from pipeline.report.comparison import (
     Kind,
     Measure,
 )
-from pipeline.report.result import TITLES, Scores, by_model, by_sequence, dates, day
-from pipeline.report.selection import NONE, Values, indexed, is_posed, pick
+from pipeline.report.result import TITLES, Scores, by_model, by_sequence, dates, day, is_posed
 from pipeline.report.strategies import UPDATES, Strategy
 from pipeline.report.study import Study, against
 from pipeline.report.table import (

@@ -9,7 +9,7 @@ from itertools import product
 
 from pipeline.report import findings, tables
 from pipeline.report.render import caption, sentence, words
-from pipeline.report.selection import grouped
+from pipeline.report.result import grouped
 from pipeline.report.strategies import read_strategies
 from pipeline.report.study import Study
 from pipeline.report.table import WIDEST

@@ -9,11 +9,16 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pandas as pd
+
 from pipeline.core.replacing import write_text
 from pipeline.core.settings import filled
+from pipeline.evaluation.rows import UNPERTURBED, pick, table
 
 ORIGINS = ("from_dvc", "from_sweeps", "built")
 """Where a job's artifacts come from: DVC, earlier jobs, or the job itself."""
@@ -46,16 +51,15 @@ class Record:
     cpu_s: float = 0.0
     """CPU time of the job's own process."""
 
+    @cached_property
+    def driven(self) -> pd.DataFrame:
+        """Its rows as a table, without those that ask how a further kind of novelty rejects."""
+        return pick(table(self.rows), ask=UNPERTURBED)
+
     def values(self, protocol: str, number: str) -> list[float]:
         """The finite values of a number, one for each row that has it; empty for a failed job."""
-        values = []
-        for row in self.rows:
-            is_this_number = (row["protocol"], row["number"]) == (protocol, number)
-            # The other rows ask how a further kind of novelty rejects.
-            is_of_kind_in_use = row.get("ask") != "novelty"
-            if is_this_number and is_of_kind_in_use and math.isfinite(row["value"]):
-                values.append(row["value"])
-        return values
+        values = pick(self.driven, protocol=protocol, number=number)["value"]
+        return [*values[np.isfinite(values)]]
 
     @property
     def held_out_auc(self) -> float | None:

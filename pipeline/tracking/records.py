@@ -19,7 +19,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ArtifactError
-from pipeline.evaluation.rows import COURSE, HEADING, NOVELTY, UNPERTURBED, table
+from pipeline.evaluation.rows import COURSE, HEADING, NOVELTY, UNPERTURBED
 from pipeline.evaluation.study_rows import AGEING, PERCENTILE
 from pipeline.running.dvc_files import DvcLock
 from pipeline.running.telemetry import Trace, costs
@@ -312,13 +312,12 @@ def of_sweep(
 
 def _job(record: Record, settings: Mapping[str, str], tags: Mapping[str, str]) -> RunRecord:
     """The child of a sweep's run that holds one job."""
-    rows = table(record.rows)
     failed = {"error": record.error} if record.error else {}
     return RunRecord(
         name=_short(settings) or f"job {record.number}",
         tags={**tags, **failed},
         params=settings,
-        series=days_series(rows[(rows["ask"] == UNPERTURBED) & ~rows["number"].isin(NOT_OF_JOBS)]),
+        series=days_series(record.driven[~record.driven["number"].isin(NOT_OF_JOBS)]),
     )
 
 

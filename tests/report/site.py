@@ -16,12 +16,11 @@ import pandas as pd
 from pipeline.core import schemas
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.protocols import Distance
-from pipeline.evaluation.rows import PERTURBED, UNPERTURBED, row, table
+from pipeline.evaluation.rows import PERTURBED, UNPERTURBED, pick, row, table
 from pipeline.mapping.from_above import Drive, Footprint, along
 from pipeline.report.findings import Finding
 from pipeline.report.result import Result
 from pipeline.report.section import Illustration, Section
-from pipeline.report.selection import indexed
 from pipeline.report.table import MISSING, Cell, Table, number
 from pipeline.report.web.front import front
 from pipeline.report.web.page import Entry
@@ -101,11 +100,11 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
 
     tests = [{"sequence": day, "days": days} for day, days in TESTS.items()]
     given = evaluation()
+    driven = pick(results_table(), ask=UNPERTURBED)
     results = [
-        Result(model, **test, evaluation=given, numbers=numbers)
+        Result(model, **test, evaluation=given, rows=pick(driven, method=model, **test))
         for model in LOOKS
         for test in tests
-        for numbers in [numbers_of(model, test["sequence"])]
     ]
     for model, day in product(LOOKS, (*TRAIN, *TESTS)) if not (root / "views").exists() else ():
         rows = 25 if day in TRAIN else 7
@@ -157,15 +156,6 @@ def drive(folder: Path, xy_m: np.ndarray) -> None:
     world_T_scan = np.tile(np.eye(4), (len(xy_m), 1, 1))
     world_T_scan[:, :2, 3] = xy_m
     artifacts(folder, [WALL_M] * len(xy_m), world_T_scan)
-
-
-def numbers_of(model: str, day: str) -> dict[tuple[str, str], tuple[float, float, float]]:
-    """The numbers of one model on one day, by protocol and number."""
-    rows = results_table()
-    rows = rows[
-        (rows["method"] == model) & (rows["sequence"] == day) & (rows["ask"] == UNPERTURBED)
-    ]
-    return indexed(rows, "protocol", "number")
 
 
 def results_table() -> pd.DataFrame:

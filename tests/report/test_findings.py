@@ -18,7 +18,7 @@ from pipeline.report.findings import Finding
 from pipeline.report.render import percent, sentence
 from pipeline.report.result import Result
 from pipeline.report.study import Study, TrainingRecord
-from tests.report.figures.made import BUILT, COMPARED, DAYS, ONE, TURNED, compared
+from tests.report.figures.made import BUILT, COMPARED, DAYS, ONE, TURNED, compared, rows_of
 
 NAN = np.nan
 DRIVEN = Kind()
@@ -50,7 +50,11 @@ def numbered(model: str, days: int, **cells_and_distance: tuple[float, float]) -
             for by, value in zip(("cells", "distance"), values, strict=True)
         }
     return replace(
-        ONE[0], model=model, sequence=DAYS[0] if days < 100 else DAYS[1], days=days, numbers=numbers
+        ONE[0],
+        model=model,
+        sequence=DAYS[0] if days < 100 else DAYS[1],
+        days=days,
+        rows=rows_of(numbers),
     )
 
 
@@ -89,7 +93,7 @@ def test_the_answer_says_what_the_threshold_keeps(
     assert sentence(finding) == snapshot(name="nothing is answered")
     result = numbered("sci", 20, recall_at_1=(0.5, 0.9))
     kept_precision = {("distance", "kept_precision"): (0.731, NAN, NAN)}
-    keeps_less = replace(result, numbers={**result.numbers, **kept_precision})
+    keeps_less = replace(result, rows=rows_of(result.numbers | kept_precision))
     finding = findings.answer(reporting(study, [keeps_less]))
     assert sentence(finding) == snapshot(name="less precision than wanted is kept")
 
@@ -108,13 +112,14 @@ def test_doubts_are_said_once_where_both_protocols_share_them(
             for key, values in result.numbers.items()
             if key[1] in doubts or key[1] not in (VOID, *DOUBTS)
         }
-        return replace(result, sequence=DAYS[sequence], days=DAYS_AFTER[sequence], numbers=numbers)
+        about = {"sequence": DAYS[sequence], "days": DAYS_AFTER[sequence]}
+        return replace(result, rows=rows_of(numbers), **about)
 
     keeps_less = doubted("a", 0, doubt_less_kept=(0.731, 0.731))
     (doubt,) = findings.doubts(reporting(study, [keeps_less]))
     assert sentence(doubt) == snapshot(name="less precision than wanted is kept")
     void_by_distance = doubted("b", 0, void=(NAN, 1.0))
-    del void_by_distance.numbers["cells", VOID]  # type: ignore[attr-defined]
+    del void_by_distance.numbers["cells", VOID]
     results = [
         doubted("sci", 0),
         doubted("a", 0, doubt_one_answer=(0.8, 0.8), doubt_no_threshold=(1, 1)),

@@ -13,11 +13,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pipeline.core.errors import InputError
+from pipeline.evaluation.rows import NONE, Values, indexed, pick, values
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, PERCENTILE
 from pipeline.report.figures.panels import Line, dots, name_rows
 from pipeline.report.figures.panels import lines as draw_lines
 from pipeline.report.figures.style import QUIET, VEIL, WIDTH_IN, figure, folded, styled, tints
-from pipeline.report.selection import NONE, Values, indexed, pick, values
 from pipeline.report.table import signed
 
 ROOM = 2.5  # a panel of slopes reaches so many times as far as the steepest; longer bars are cut

@@ -12,11 +12,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.evaluation.rows import NEAR_CHANGE
+from pipeline.evaluation.rows import NEAR_CHANGE, indexed, pick
 from pipeline.evaluation.study_rows import SHOWN, TO_COME
 from pipeline.report.figures.panels import dots
 from pipeline.report.figures.style import WIDTH_IN, below, dot, figure, folded, styled, tints
-from pipeline.report.selection import indexed, pick
 
 NEAR = {"recall_at_1": "recall@1", "auc_exact_top1": "exact AUC"}
 OFFSET = 0.13  # of the two markers from the middle of a band, whose width is 1

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.evaluation.events import Bands
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.evaluation.rows import NEAR_CHANGE, PERTURBED, STRESS, UNPERTURBED
+from pipeline.evaluation.rows import NEAR_CHANGE, PERTURBED, STRESS, UNPERTURBED, pick
 from pipeline.evaluation.study_rows import SHOWN
 from pipeline.report import case_findings, findings, tables
 from pipeline.report.comparison import AUC, FAR, KEPT, OFF, RECALL, Comparison, Kind
@@ -24,7 +24,6 @@ from pipeline.report.figures import events, robustness
 from pipeline.report.findings import Finding
 from pipeline.report.result import TITLES, day
 from pipeline.report.section import Section, anchor, illustrate, section_of
-from pipeline.report.selection import pick
 from pipeline.report.study import Study
 from pipeline.report.table import Table
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from pipeline.core.schemas import Lifelong
 from pipeline.report import tables
 from pipeline.report.figures import lifelong
+from pipeline.report.result import grouped
 from pipeline.report.section import Illustration, Section, illustrate, section_of
-from pipeline.report.selection import grouped
 from pipeline.report.strategies import (
     GROWN,
     PROTOCOL,

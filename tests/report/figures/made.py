@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
@@ -13,7 +14,7 @@ from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judge import judge
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.protocols import PROTOCOLS, Distance
-from pipeline.evaluation.rows import NOVELTY, case_columns, evaluation_rows, row, table
+from pipeline.evaluation.rows import NOVELTY, Values, case_columns, evaluation_rows, row, table
 from pipeline.evaluation.viewpoints import ViewpointMatches
 from pipeline.matching.ranking import Ranking
 from pipeline.report.comparison import MEASURES, Comparison, Kind
@@ -77,12 +78,13 @@ def evaluation(
 def result(model: str, sequence: str, days: int, one: Evaluation) -> Result:
     """A result whose numbers are those of the table of results."""
     rows = [each for each in evaluation_rows(one) if each["ask"] != NOVELTY]
-    numbers = {
-        (each["protocol"], each["number"]): (each["value"], each["low"], each["high"])
-        for each in rows
-    }
-    wanted = {(by, "wanted_precision"): (0.9, np.nan, np.nan) for by in PROTOCOLS}
-    return Result(model, sequence, days, numbers | wanted, one)
+    wanted = [row("wanted_precision", by, 0.9) for by in PROTOCOLS]
+    return Result(model, sequence, days, table([*rows, *wanted]), one)
+
+
+def rows_of(numbers: Mapping[tuple[str, str], Values]) -> pd.DataFrame:
+    """The table of results with these numbers alone, given by protocol and name."""
+    return table(row(name, protocol, *values) for (protocol, name), values in numbers.items())
 
 
 def results(*models: str) -> list[Result]:
@@ -95,9 +97,7 @@ def results(*models: str) -> list[Result]:
 
 def bounded(one: Result, low: float, high: float) -> Result:
     """The results with another interval of all numbers."""
-    return replace(
-        one, numbers={key: (value, low, high) for key, (value, _, _) in one.numbers.items()}
-    )
+    return replace(one, rows=one.rows.assign(low=low, high=high))
 
 
 ONE = results("sci")
@@ -118,7 +118,7 @@ POSED = [
             pose_error_deg=np.where(ERROR_M > 2, 90, 0.5),
             reject_pose_from=0.35,
         ),
-        numbers=dict(one.numbers) | {("distance", "pose_ece"): (0.364, np.nan, np.nan)},
+        rows=rows_of(one.numbers | {("distance", "pose_ece"): (0.364, np.nan, np.nan)}),
     )
     for one in ONE
 ]
