@@ -104,11 +104,10 @@ def _folder_reader() -> "Folder":
     """The reader of a user's own folders of scans."""
     from pipeline.core.building import build
     from pipeline.readers.folder import Folder
+    from pipeline.readers.log import READERS
 
     path = Path("conf/dataset/folder.yaml")
-    reader = (
-        build(read_yaml(path).get("reader"), ("pipeline.readers.",)) if path.is_file() else Folder()
-    )
+    reader = build(read_yaml(path).get("reader"), READERS) if path.is_file() else Folder()
     if not isinstance(reader, Folder):
         raise ConfigError(f"{path}: expected a reader of the class pipeline.readers.folder.Folder")
     return reader

@@ -26,12 +26,10 @@ from pipeline.opening.opening import by_reader, scan_files
 from pipeline.readers.bag_clouds import Clouds
 from pipeline.readers.bag_poses import KINDS, Track, track
 from pipeline.readers.deskew import NO_BREAKS, scan_at_stamp
-from pipeline.readers.log import Log, raised, rows_with_poses
+from pipeline.readers.log import READERS, Log, raised, rows_with_poses
 from pipeline.readers.log import extrinsic as given_extrinsic
 from pipeline.readers.mounting import BODIES, Transforms
 
-READERS = ("pipeline.readers.",)
-"""A site may name a reader of these modules only."""
 NO_POSE = np.full((4, 4), np.nan)
 """The pose of a scan where it is unknown."""
 ODOMETRY_GAP_S = 1.0

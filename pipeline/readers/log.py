@@ -20,6 +20,8 @@ from pipeline.core.errors import ConfigError, LogError
 from pipeline.core.frames import LATEST_NS, ROUNDED_NS, Poses, Stamps, Trajectory, pose
 from pipeline.readers import vehicle
 
+READERS = ("pipeline.readers.",)
+"""The modules whose classes a yaml or a site may name as a reader: the roots for `build`."""
 EARTH_M = 1e8
 """Positions further than this from the origin of their frame are damage: the centre of the Earth is
 6.4e6 m away."""

@@ -9,11 +9,11 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from pydoc import locate
 from typing import Any, Self
 
-from pipeline.core.errors import ConfigError
-from pipeline.readers.log import Reader
+from pipeline.core.building import TARGET, build, target_class
+from pipeline.core.errors import ConfigError, NotInstalledError
+from pipeline.readers.log import READERS, Reader
 from pipeline.readers.parts import Part, names
 from pipeline.running.texts import read_yaml
 from pipeline.studies.layout import Layout
@@ -281,16 +281,19 @@ def _advice_on_tests(logs: LogFolder, options: Mapping[str, str], train: Sequenc
 
 def _reader(name: str, settings: Mapping[str, Any]) -> Reader:
     """Build the reader in a data set's yaml; raises ConfigError for a wrong class or key."""
-    # pydoc's `locate` imports a class by its full name, and returns None if there is none
-    kind: Any = locate(settings.get("_target_", ""))
-    if kind is None:
+    target = settings.get(TARGET)
+    try:
+        kind = target_class(str(target), READERS)
+    except NotInstalledError:
+        raise
+    except ConfigError:
         raise ConfigError(
-            f"conf/dataset/{name}.yaml: reader._target_={settings.get('_target_')}: no such reader"
-        )
+            f"conf/dataset/{name}.yaml: reader.{TARGET}={target}: no such reader"
+        ) from None
     keys = [field.name for field in fields(kind)]
-    if unknown := [key for key in settings if key not in (*keys, "_target_")]:
+    if unknown := [key for key in settings if key not in (*keys, TARGET)]:
         raise ConfigError(
             f"conf/dataset/{name}.yaml: reader has no key {unknown[0]}: expected {', '.join(keys)}"
         )
-    reader: Reader = kind(**{key: value for key, value in settings.items() if key != "_target_"})
+    reader: Reader = build(settings, READERS)
     return reader
