@@ -31,7 +31,7 @@ AGREEMENT_NATS = 0.05
 """What an agreeing sector adds to a place's score, in nats.
 
 GONE_WEIGHT and AGREEMENT_NATS lie in a range of values that do equally well on altered held-out
-blocks of two simulated campuses (docs/measured.md says what else was weighed).
+blocks of two simulated campuses (docs/notes/choices.md says what else was weighed).
 """
 PREFIX = "outlines/"
 """Prefix of the outlines' arrays in a model."""
