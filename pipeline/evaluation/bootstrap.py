@@ -11,6 +11,7 @@ lowest and highest value of each number. The steps:
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,18 @@ CHUNK = 1 << 17
 """Weights that are computed with at once: 1 MB of float64, however many queries there are."""
 Numbers = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Computes m numbers (m, r) from the weights (r, q) of q queries in r resamples."""
+
+
+class Estimate(NamedTuple):
+    """A number and the lowest and highest of its 95 % interval; NaN where there is none."""
+
+    value: float = np.nan
+    low: float = np.nan
+    high: float = np.nan
+
+
+NONE = Estimate()
+"""A number that there is not."""
 
 
 @dataclass(frozen=True)

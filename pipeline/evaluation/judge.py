@@ -78,6 +78,17 @@ def judge_cases(
             f"{rankings.path}: {len(rankings.turned_deg)} queries in {len(cases)} cases of "
             f"{query_count} submaps"
         )
+    beliefs: dict[str, float] = {}
+    kept_precision: tuple[float, ...] = ()
+    if isinstance(rankings, Rankings):
+        kept_precision = rankings.kept_precision
+    elif isinstance(rankings, Fixes):
+        beliefs = {belief: rankings.reject_from(belief=belief) for belief in WEAKER_VERDICTS}
+        # The first kind is the doubt in the pose: its threshold keeps what is wanted, or accepts
+        # nothing.
+        accepts_poses = rankings.thresholds[0] > ACCEPT_NOTHING
+        precision_of_poses = rankings.wanted_precision if accepts_poses else np.nan
+        kept_precision = (precision_of_poses, *[np.nan] * (len(rankings.kinds) - 1))
     evaluations = {}
     for i, case in enumerate(cases):
         rows = slice(i * query_count, (i + 1) * query_count)
@@ -98,10 +109,10 @@ def judge_cases(
         )
         evaluations[case] = replace(
             evaluation,
-            beliefs=_belief_thresholds(rankings),
+            beliefs=beliefs,
             unsuited=unsuited(submaps),
             wanted_precision=rankings.wanted_precision,
-            kept_precision=_kept_precision(rankings),
+            kept_precision=kept_precision,
         )
     return evaluations
 
@@ -126,9 +137,9 @@ def judge(
     wanted and kept precision. Raises InputError if ranking, labels and poses do not fit together.
     """
     _check(ranking, reject_from, labels, world_T_anchor)
-    queries = _queries(ranking, reject_from, labels, world_T_anchor, turned_deg)
-    if estimates is not None:
-        queries = _with_pose_errors(queries, estimates, world_T_anchor, turned_deg)
+    if estimates is None:
+        estimates = PoseEstimates(np.full(world_T_anchor.shape, np.nan), np.nan)
+    queries = _queries(ranking, reject_from, labels, world_T_anchor, turned_deg, estimates)
     # An answer outside all places says: unseen. By cells such a query is always rejected.
     is_outside = ranking.places[:, :1] < 0
     queries_by_cells = replace(
@@ -192,13 +203,17 @@ def _queries(
     labels: Labels,
     world_T_anchor: Poses,
     turned_deg: NDArray[np.float32] | None,
+    estimates: PoseEstimates,
 ) -> Queries:
-    """The queries with the errors of their first answers, and without poses."""
+    """The queries with the errors of their first answers, and of their estimated poses."""
     turn_deg = np.asarray(labels.nearest_turn_deg, np.float64)
     true_deg = np.rad2deg(yaw(world_T_anchor))
+    world_T_query = world_T_anchor
     if turned_deg is not None:
         turn_deg = wrapped_deg(turn_deg + turned_deg)
         true_deg = true_deg + turned_deg
+        world_T_query = world_T_anchor @ turns(np.deg2rad(turned_deg.astype(np.float64)))
+    pose_error_m, pose_error_deg = distance_and_turn(estimates.world_T_query, world_T_query)
     answer_xy_m = ranking.xy_m[:, 0].astype(np.float64)
     xy_m = world_T_anchor[:, :2, 3].astype(np.float64)
     answer_deg = ranking.heading_deg[:, 0].astype(np.float64)
@@ -210,28 +225,8 @@ def _queries(
         turn_deg=turn_deg,
         nearest_m=np.asarray(labels.nearest_m, np.float64),
         heading_error_deg=np.abs(wrapped_deg(answer_deg - true_deg)),
-        pose_error_m=np.full(len(xy_m), np.nan),
-        pose_error_deg=np.full(len(xy_m), np.nan),
-        reject_pose_from=np.nan,
-        right_within=RIGHT_WITHIN,
-    )
-
-
-def _with_pose_errors(
-    queries: Queries,
-    estimates: PoseEstimates,
-    world_T_anchor: Poses,
-    turned_deg: NDArray[np.float32] | None,
-) -> Queries:
-    """The queries with the errors of their estimated poses."""
-    world_T_query_true = world_T_anchor
-    if turned_deg is not None:
-        world_T_query_true = world_T_anchor @ turns(np.deg2rad(turned_deg.astype(np.float64)))
-    error_m, error_deg = distance_and_turn(estimates.world_T_query, world_T_query_true)
-    return replace(
-        queries,
-        pose_error_m=error_m,
-        pose_error_deg=error_deg,
+        pose_error_m=pose_error_m,
+        pose_error_deg=pose_error_deg,
         reject_pose_from=estimates.reject_from,
         right_within=estimates.right_within,
     )
@@ -292,27 +287,3 @@ def _calibration(ranking: Ranking, labels: Labels) -> NDArray[np.float64]:
     if not chances(confidence):
         return np.full(2, np.nan)
     return np.array([ece(1 - ranking.costs[seen, 0], is_right), ece(confidence, is_right)])
-
-
-def _kept_precision(rankings: SequenceRanking) -> tuple[float, ...]:
-    """The precision that the threshold on each kind of novelty (kind,) keeps on held-out blocks.
-
-    NaN where it is not known, or where the threshold accepts nothing. For poses, the first kind is
-    the doubt in the pose: its threshold keeps what is wanted or accepts nothing.
-    """
-    if isinstance(rankings, Rankings):
-        return rankings.kept_precision
-    accepts_poses = rankings.thresholds[0] > ACCEPT_NOTHING
-    precision_of_poses = rankings.wanted_precision if accepts_poses else np.nan
-    return (precision_of_poses, *[np.nan] * (len(rankings.kinds) - 1))
-
-
-def _belief_thresholds(rankings: SequenceRanking) -> dict[str, float]:
-    """The threshold on each kind of WEAKER_VERDICTS: weaker claims than that the pose is right.
-
-    A claim is rejected if its novelty is that or more, which keeps a precision of .99. Empty if the
-    method gives no poses.
-    """
-    if not isinstance(rankings, Fixes):
-        return {}
-    return {belief: rankings.reject_from(belief=belief) for belief in WEAKER_VERDICTS}

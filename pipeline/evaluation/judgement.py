@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 from pipeline.core.errors import ArtifactError
 from pipeline.core.schemas import JUDGED_PROMISE, Cases
 from pipeline.core.store import Array, Artifact, Stack
-from pipeline.evaluation.bootstrap import blocks
-from pipeline.evaluation.calibration import Reliability, ece, reliability
+from pipeline.evaluation.bootstrap import Estimate, blocks
 from pipeline.evaluation.counts import ExactCounts
 from pipeline.evaluation.doubts import DOUBTS, VOID, doubts
-from pipeline.evaluation.numbers import MEASURES, NUMBERS, SAME_HEADING_DEG, curve, within
+from pipeline.evaluation.numbers import MEASURES, NUMBERS, curve, within
 from pipeline.evaluation.protocols import PROTOCOLS, Truth
 
 HIT, MISS, FALSE_ALARM, CORRECT_REJECTION, NOT_JUDGED = range(5)
@@ -91,16 +90,6 @@ class Judgement:
         answered_count = np.isin(self.outcome, (HIT, FALSE_ALARM)).sum()
         judged_count = (self.outcome != NOT_JUDGED).sum()
         return float(answered_count / max(judged_count, 1))
-
-    def turned_share(self, turn_deg: NDArray[np.float64]) -> float:
-        """The share of the seen queries that are driven in another direction than training.
-
-        `turn_deg` (q,) is each query's heading against that of training. NaN if none is seen.
-        """
-        if not self.seen.any():
-            return np.nan
-        is_turned = np.abs(turn_deg[self.seen]) > SAME_HEADING_DEG
-        return float(is_turned.mean())
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,11 +241,6 @@ class Evaluation:
         }
 
     @property
-    def acceptance_counts(self) -> dict[str, int]:
-        """How many answers are accepted, and refused, and how many of either are wrong."""
-        return {name: int(queries.sum()) for name, queries in self.acceptance.items()}
-
-    @property
     def verdicts(self) -> dict[str, int]:
         """How many queries, seen or not, get each of VERDICTS if JUDGED_PROMISE is promised.
 
@@ -275,19 +259,7 @@ class Evaluation:
         return {verdict: int((codes == code).sum()) for code, verdict in enumerate(VERDICTS)}
 
     @property
-    def pose_reliability(self) -> Reliability:
-        """The poses in bins of their chances, with the share of right ones in each."""
-        return reliability(self._pose_chances, self.pose_right)
-
-    @property
-    def pose_ece(self) -> float:
-        """The expected calibration error of the poses' chances; NaN without poses."""
-        if not self.has_poses:
-            return np.nan
-        return ece(self._pose_chances, self.pose_right)
-
-    @property
-    def _pose_chances(self) -> NDArray[np.float64]:
+    def pose_chances(self) -> NDArray[np.float64]:
         """The chance (q,) that the pose is right, as the method estimates it."""
         return 1 - self.novelty[:, 0].astype(np.float64)
 
@@ -322,15 +294,9 @@ class Evaluation:
             recall_of_all_seen=name == "distance",
         )
 
-    def number(self, protocol: str, name: str) -> tuple[float, float, float]:
-        """The value of one of NUMBERS and the bounds of its 95 % interval; NaN if undefined."""
-        value, low, high = map(float, self.protocol(protocol).numbers[NUMBERS.index(name)])
-        return value, low, high
-
-    def value(self, protocol: str, name: str) -> float:
-        """The value of one of NUMBERS without its interval; NaN if undefined."""
-        value, _, _ = self.number(protocol, name)
-        return value
+    def number(self, protocol: str, name: str) -> Estimate:
+        """One of NUMBERS with its 95 % interval; NaN if undefined."""
+        return Estimate(*self.protocol(protocol).numbers[NUMBERS.index(name)].tolist())
 
     def curve(
         self, protocol: str, thresholds: NDArray[np.float64] | None = None
@@ -392,12 +358,12 @@ def metrics(evaluation: Evaluation) -> dict[str, float]:
     out.
     """
     shown = {
-        "auc_top1": evaluation.value("cells", "auc_top1"),
-        "recall_at_1": evaluation.value("distance", "recall_at_1"),
+        "auc_top1": evaluation.number("cells", "auc_top1").value,
+        "recall_at_1": evaluation.number("distance", "recall_at_1").value,
         "answered": evaluation.distance.answered,
-        "right_of_answered": evaluation.value("distance", "precision_at_threshold"),
+        "right_of_answered": evaluation.number("distance", "precision_at_threshold").value,
         "kept_precision": evaluation.kept_precision[0],
-        "within_2m_5deg": evaluation.value("distance", "within_2m_5deg"),
+        "within_2m_5deg": evaluation.number("distance", "within_2m_5deg").value,
     }
     return {name: value for name, value in shown.items() if np.isfinite(value)}
 
@@ -406,7 +372,7 @@ def line(evaluation: Evaluation, protocol: str) -> str:
     """The main numbers of an evaluation on one line, with its doubts (`doubts`) in brackets."""
     texts = []
     for name in ("auc_top1", "recall_at_1", "auroc"):
-        value = evaluation.value(protocol, name)
+        value = evaluation.number(protocol, name).value
         texts.append(f"{name} {value:.3f}" if np.isfinite(value) else f"{name} none")
     found = evaluation.doubts(protocol)
     if present := [name for name in (VOID, *DOUBTS) if name in found]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
-from pipeline.evaluation.bootstrap import Bootstrap, blocks, bounds
+from pipeline.evaluation.bootstrap import Bootstrap, Estimate, blocks, bounds
 from pipeline.evaluation.counts import is_right_at
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.numbers import Weight, auc_exact, share
@@ -134,7 +134,7 @@ def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def kept_share(
     altered: Evaluation, driven: Evaluation, protocol: str, bootstrap: Bootstrap
-) -> tuple[float, float, float]:
+) -> Estimate:
     """The share of its area under the curve that a model keeps when queries are altered.
 
     The area is `auc_exact_top1`, of the altered queries over that of the same queries as driven.
@@ -153,5 +153,4 @@ def kept_share(
         return (altered_auc / np.where(driven_auc > 0, driven_auc, np.nan))[None]
 
     # `estimates` gives the value on the path itself and the bounds from the resamples.
-    ((value, low, high),) = bootstrap.estimates(share_of_driven, driven.xy_m)
-    return float(value), float(low), float(high)
+    return Estimate(*bootstrap.estimates(share_of_driven, driven.xy_m)[0].tolist())

@@ -38,6 +38,7 @@ from pipeline.evaluation.rows import (
     TableRows,
     case_columns,
     evaluation_rows,
+    placed,
     row,
     table,
 )
@@ -96,12 +97,18 @@ class ResultsTable:
             held_out: dict[str, NDArray[np.float64]] = {}
             by_variant: dict[ModelName, dict[str, Evaluation]] = {}
             for model in models:
+                place = {"grid": grid, **model.columns}
                 opened = {name: self._evaluations(grid, model, name) for name in sequences}
                 driven = {name: opened[name].case() for name in sequences}
-                kind = driven[study.tests[0]].kinds[0]
-                trained = {} if model.posed else store.read_model(self._train(grid, model))
-                for columns in self._model_rows(opened, driven, trained, kind):
-                    yield {"grid": grid, **model.columns} | columns
+                for name in sequences:
+                    rows = self._sequence_rows(name, opened[name], driven[name])
+                    yield from placed(rows, **place, sequence=name, days=driven[name].days)
+                # a model that only adds poses learns nothing of its own
+                trained = {} if model.posed else self._trained(grid, model)
+                kind = driven[study.tests[0]].kinds[0]  # of novelty, the one in use
+                if trained:
+                    area = held_out_auc(Evidence.of(trained), kind, self.unseen_share)
+                    yield place | row("held_out_auc", "cells", area)
                 by_day = sorted(study.tests, key=lambda name: (driven[name].days, name))
                 tests = {name: driven[name] for name in by_day}
                 if _is_plain(model):
@@ -114,28 +121,8 @@ class ResultsTable:
                 last = opened[sequences[-1]]
                 yield {"grid": grid} | row("correct_m", "distance", last.distance["correct_m"])
                 answers = Answers(by_method, held_out, by_variant)
-                for columns in self._rows_across_sequences(answers, Bootstrap(**last.bootstrap)):
-                    yield {"grid": grid} | columns
-
-    def _model_rows(
-        self,
-        opened: Mapping[str, Evaluations],
-        driven: Mapping[str, Evaluation],
-        trained: Mapping[str, NDArray[Any]],
-        kind: str,
-    ) -> TableRows:
-        """Rows of one model on every sequence, and its AUC on held-out blocks of training.
-
-        `driven` are the first cases of `opened`; `trained` are the model's arrays, empty for a
-        model that only adds poses; `kind` is the novelty in use.
-        """
-        for sequence, evaluations in opened.items():
-            first_case = driven[sequence]
-            for columns in self._sequence_rows(sequence, evaluations, first_case):
-                yield {"sequence": sequence, "days": first_case.days} | columns
-        if trained:
-            area = held_out_auc(Evidence.of(trained), kind, self.unseen_share)
-            yield row("held_out_auc", "cells", area)
+                rows = self._rows_across_sequences(answers, Bootstrap(**last.bootstrap))
+                yield from placed(rows, grid=grid)
 
     def _sequence_rows(
         self, sequence: str, evaluations: Evaluations, driven: Evaluation
@@ -171,10 +158,9 @@ class ResultsTable:
                 if not folder.is_dir():
                     raise ArtifactError(f"{folder}: no such artifact; `dvc repro` builds it")
                 for path in sorted(folder.glob("*.zarr")):
-                    for columns in viewpoint_rows(store.read(path, ViewpointMatches)):
-                        yield place | {"sequence": path.stem} | columns
-                for columns in reconstruction_rows(store.read_model(self._train(grid, model))):
-                    yield place | columns
+                    rows = viewpoint_rows(store.read(path, ViewpointMatches))
+                    yield from placed(rows, **place, sequence=path.stem)
+                yield from placed(reconstruction_rows(self._trained(grid, model)), **place)
 
     def _lifelong(self) -> TableRows:
         """Rows of every model after each day that it learned, by each order and strategy."""
@@ -186,8 +172,8 @@ class ResultsTable:
             ]
             for model, course in product(method.models, courses):
                 path = self._path("lifelong", grid, model.name, course)
-                for columns in lifelong_rows(store.read(path, Lifelong)):
-                    yield {"grid": grid, **model.columns} | columns
+                rows = lifelong_rows(store.read(path, Lifelong))
+                yield from placed(rows, grid=grid, **model.columns)
 
     def evaluation(self, grid: str, model: ModelName, sequence: str) -> Evaluation:
         """Read a model's evaluation in one sequence as driven."""
@@ -196,8 +182,8 @@ class ResultsTable:
     def _evaluations(self, grid: str, model: ModelName, sequence: str) -> Evaluations:
         return store.read(self._path("evaluate", grid, model.name, sequence), Evaluations)
 
-    def _train(self, grid: str, model: ModelName) -> Path:
-        return self._path("train", grid, model.name)
+    def _trained(self, grid: str, model: ModelName) -> Mapping[str, NDArray[Any]]:
+        return store.read_model(self._path("train", grid, model.name))
 
     def _path(self, kind: str, *names: str) -> Path:
         """The path of an artifact of the study."""

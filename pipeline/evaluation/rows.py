@@ -13,16 +13,23 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.alterations import Case
+from pipeline.evaluation.bootstrap import Estimate
+from pipeline.evaluation.calibration import ece
 from pipeline.evaluation.judgement import Evaluation
-from pipeline.evaluation.numbers import LEVEL_POSES, MEASURES, NUMBERS, POSES, WITHIN
+from pipeline.evaluation.numbers import (
+    LEVEL_POSES,
+    MEASURES,
+    NUMBERS,
+    POSES,
+    SAME_HEADING_DEG,
+    WITHIN,
+    average,
+)
 from pipeline.evaluation.protocols import PROTOCOLS
 
 TableRows = Iterator[dict[str, Any]]
 """Rows, each from column to value. Columns are left out that the caller adds to all rows, and those
 that keep their default (see `table`)."""
-Values = tuple[float, float, float]
-"""A number and its 95 % interval, lowest and highest; NaN where there is none."""
-NONE: Values = (np.nan, np.nan, np.nan)
 COLUMN_TYPES: Mapping[str, type] = {
     "study": str,
     "dataset": str,
@@ -117,18 +124,27 @@ def evaluation_rows(
     """
     columns = case_columns(case, stress)
     for protocol in PROTOCOLS:
-        numbers = _numbers(evaluation, protocol)
-        if not case.change:
-            numbers |= evaluation.doubts(protocol)
-        yield from number_rows(columns, protocol, numbers)
-        if not case.change:
-            yield from _novelty_rows(evaluation, protocol)
-    ece_raw, ece = evaluation.calibration
-    yield from number_rows(columns, "cells", {"ece_raw": ece_raw, "ece": ece})
-    yield from number_rows(columns, "distance", evaluation.acceptance_counts)
-    if evaluation.verdicts:
+        yield from number_rows(columns, protocol, _numbers(evaluation, protocol))
+        if case.change:
+            continue
+        yield from number_rows(columns, protocol, evaluation.doubts(protocol))
+        for kind, rejection, kept_precision in zip(
+            evaluation.kinds,
+            evaluation.protocol(protocol).rejection,
+            evaluation.kept_precision,
+            strict=True,
+        ):
+            measures = dict(zip(MEASURES, rejection, strict=True))
+            measures["kept_precision"] = kept_precision
+            yield from number_rows({"ask": NOVELTY, "of": kind}, protocol, measures)
+    calibration = dict(zip(("ece_raw", "ece"), evaluation.calibration, strict=True))
+    yield from number_rows(columns, "cells", calibration)
+    counts = {name: queries.sum() for name, queries in evaluation.acceptance.items()}
+    yield from number_rows(columns, "distance", counts)
+    if evaluation.has_poses:
         verdicts = {f"{verdict}_99": count for verdict, count in evaluation.verdicts.items()}
-        yield from number_rows(columns, "distance", verdicts | {"pose_ece": evaluation.pose_ece})
+        error = ece(evaluation.pose_chances, evaluation.pose_right)
+        yield from number_rows(columns, "distance", verdicts | {"pose_ece": error})
 
 
 def _numbers(evaluation: Evaluation, protocol: str) -> dict[str, Any]:
@@ -142,7 +158,7 @@ def _numbers(evaluation: Evaluation, protocol: str) -> dict[str, Any]:
         "seen": judgement.seen.sum(),
         "unseen": judgement.unseen.sum(),
         "threshold": evaluation.reject_from[0],
-        "turned_share": judgement.turned_share(evaluation.turn_deg),
+        "turned_share": average(np.abs(evaluation.turn_deg[judgement.seen]) > SAME_HEADING_DEG),
         "answered": judgement.answered,
         "kept_precision": evaluation.kept_precision[0],
         "wanted_precision": evaluation.wanted_precision,
@@ -155,16 +171,6 @@ def _numbers(evaluation: Evaluation, protocol: str) -> dict[str, Any]:
             continue
         numbers[name] = value_and_bounds
     return numbers
-
-
-def _novelty_rows(evaluation: Evaluation, protocol: str) -> TableRows:
-    """Rows of how well each kind of novelty rejects."""
-    rejection = evaluation.protocol(protocol).rejection
-    for kind, measures, kept_precision in zip(
-        evaluation.kinds, rejection, evaluation.kept_precision, strict=True
-    ):
-        numbers = dict(zip(MEASURES, measures, strict=True)) | {"kept_precision": kept_precision}
-        yield from number_rows({"ask": NOVELTY, "of": kind}, protocol, numbers)
 
 
 def row(
@@ -184,6 +190,11 @@ def number_rows(columns: Mapping[str, Any], protocol: str, numbers: Mapping[str,
     """One row for each number, a value or a value with its bounds, and these columns."""
     for number, values in numbers.items():
         yield {**columns, **row(number, protocol, *np.atleast_1d(values))}
+
+
+def placed(rows: TableRows, **columns: Any) -> TableRows:
+    """The rows with these columns too."""
+    return ({**columns, **own} for own in rows)
 
 
 def table(rows: Iterable[Mapping[str, Any]], **common: Any) -> pd.DataFrame:
@@ -214,11 +225,11 @@ def values(rows: pd.DataFrame) -> NDArray[np.float64]:
     return np.asarray(rows[["value", "low", "high"]], np.float64)
 
 
-def indexed(rows: pd.DataFrame, *columns: str) -> dict[Any, Values]:
+def indexed(rows: pd.DataFrame, *columns: str) -> dict[Any, Estimate]:
     """Map the entries of some columns to the value and interval of their row.
 
     A key is a tuple, or the entry itself for a single column. Where rows have equal keys the last
     one counts.
     """
     keys = rows[columns[0]] if len(columns) == 1 else zip(*(rows[c] for c in columns), strict=True)
-    return dict(zip(keys, map(tuple, values(rows).tolist()), strict=True))
+    return dict(zip(keys, map(Estimate._make, values(rows).tolist()), strict=True))

@@ -12,16 +12,16 @@ Rows of a single evaluation are made in `rows`, and `results` gathers all of the
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain
+from itertools import chain, product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.evaluation.ageing import Ageing, newness
-from pipeline.evaluation.bootstrap import Bootstrap
+from pipeline.evaluation.bootstrap import Bootstrap, Estimate
 from pipeline.evaluation.events import NUMBERS as NEAR_CHANGES
-from pipeline.evaluation.events import BandResults, Bands, distances, judge_by_band
+from pipeline.evaluation.events import Bands, distances, judge_by_band
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.paired import COMPARED, compare, holm
 from pipeline.evaluation.protocols import PROTOCOLS
@@ -32,6 +32,7 @@ from pipeline.evaluation.rows import (
     VIEWPOINT,
     TableRows,
     number_rows,
+    placed,
     row,
 )
 from pipeline.evaluation.viewpoints import NUMBERS as VIEWPOINT_NUMBERS
@@ -95,56 +96,53 @@ def ageing_rows(answers: Answers, ageing: Ageing) -> TableRows:
 
     Where the oracle has such a number too, it has rows as well.
     """
+    reference = answers.evaluations[answers.reference]
     for protocol, number in AGEING:
-        for method, evaluations in answers.evaluations.items():
-            if number == PERCENTILE:
-                held_out_novelty = answers.held_out.get(method, np.empty(0))
-                values = [
-                    (newness(evaluation, held_out_novelty), np.nan, np.nan)
-                    for evaluation in evaluations.values()
-                ]
-            else:
-                values = [
-                    evaluation.number(protocol, number) for evaluation in evaluations.values()
-                ]
-            yield from _ageing_rows(method, protocol, number, evaluations, values, ageing)
-        if number.startswith("recall_at_1"):
-            evaluations = answers.evaluations[answers.reference]
-            oracle_number = number.replace("recall_at_1", "oracle")
-            values = [
-                evaluation.number(protocol, oracle_number) for evaluation in evaluations.values()
+        values = {
+            method: [evaluation.number(protocol, number) for evaluation in evaluations.values()]
+            if number != PERCENTILE
+            else [
+                Estimate(newness(evaluation, answers.held_out.get(method, np.empty(0))))
+                for evaluation in evaluations.values()
             ]
-            yield from _ageing_rows(ORACLE, protocol, number, evaluations, values, ageing)
+            for method, evaluations in answers.evaluations.items()
+        }
+        if number.startswith("recall_at_1"):
+            oracle = number.replace("recall_at_1", "oracle")
+            values[ORACLE] = [each.number(protocol, oracle) for each in reference.values()]
+        for method, values_of_method in values.items():
+            rows = _line_rows(protocol, number, reference, values_of_method, ageing)
+            # An evaluation has rows of its own numbers already.
+            is_new = method == ORACLE or number == PERCENTILE
+            yield from (
+                {"method": method, **columns}
+                for columns in rows
+                if is_new or columns["number"] != number
+            )
 
 
-def _ageing_rows(
-    method: str,
+def _line_rows(
     protocol: str,
     number: str,
     evaluations: Mapping[str, Evaluation],
-    values: Sequence[tuple[float, float, float]],
+    values: Sequence[Estimate],
     ageing: Ageing,
 ) -> TableRows:
-    """Rows of one number of one method: the line at each sequence's day, and the line's slope.
-
-    `values` are the number on each sequence, with its bounds. They get rows here only if they are
-    not among the rows of an evaluation.
-    """
+    """Rows of one number on each sequence, of the line at its day, and of the line's slope."""
     days = np.array([evaluation.days for evaluation in evaluations.values()], np.float64)
-    line = ageing.line(days, np.array([value for value, _, _ in values]))
+    line = ageing.line(days, np.array([estimate.value for estimate in values]))
     line_values = np.full((3, len(days)), np.nan) if line is None else line.at(days)
-    for sequence, day, value, line_value in zip(
+    for sequence, day, estimate, line_value in zip(
         evaluations, days, values, line_values.T, strict=True
     ):
-        columns = {"method": method, "sequence": sequence, "days": day}
-        if method == ORACLE or number == PERCENTILE:
-            yield columns | row(number, protocol, *value)
-        yield columns | row(f"{number}_line", protocol, *line_value)
+        columns = {"sequence": sequence, "days": day}
+        numbers = {number: estimate, f"{number}_line": line_value}
+        yield from number_rows(columns, protocol, numbers)
     if line is None:
         return
     low, high = line.interval or (np.nan, np.nan)
     per_days = f"per_{PER_DAYS}_days"
-    numbers: dict[str, Any] = {
+    numbers = {
         f"{number}_{per_days}": PER_DAYS * np.array([line.slope, low, high]),
         f"{number}_theil_sen_{per_days}": PER_DAYS * line.middle_slope,
         f"{number}_day_0": line.intercept,
@@ -152,7 +150,7 @@ def _ageing_rows(
     }
     if number != PERCENTILE and (lost_after_days := line.lost(ageing.loss)):
         numbers[f"{number}_retrain_after_days"] = lost_after_days
-    yield from number_rows({"method": method}, protocol, numbers)
+    yield from number_rows({}, protocol, numbers)
 
 
 def paired_rows(answers: Answers, bootstrap: Bootstrap) -> TableRows:
@@ -167,44 +165,38 @@ def paired_rows(answers: Answers, bootstrap: Bootstrap) -> TableRows:
         reference = answers.reference_of(model)
         if reference == model:
             continue
-        columns = {**model.columns, "ask": AGAINST, "of": reference.name}
         for protocol in PROTOCOLS:
-            yield from _comparison_rows(
-                columns, protocol, evaluations, models[reference], bootstrap
-            )
+            rows = _comparison_rows(protocol, evaluations, models[reference], bootstrap)
+            yield from placed(rows, **model.columns, ask=AGAINST, of=reference.name)
 
 
 def _comparison_rows(
-    columns: Mapping[str, Any],
     protocol: str,
     evaluations: Mapping[str, Evaluation],
     reference: Mapping[str, Evaluation],
     bootstrap: Bootstrap,
 ) -> TableRows:
     """Rows of one model against the reference by one protocol; both by sequence."""
-    comparisons = {
-        sequence: compare(evaluation, reference[sequence], protocol, bootstrap)
+    places = [{"sequence": name, "days": each.days} for name, each in evaluations.items()]
+    comparisons = [
+        compare(evaluation, reference[sequence], protocol, bootstrap)
         for sequence, evaluation in evaluations.items()
-    }
-    sequence_columns = {
-        sequence: {**columns, "sequence": sequence, "days": evaluation.days}
-        for sequence, evaluation in evaluations.items()
-    }
+    ]
     for i, number in enumerate(COMPARED):
-        differences = [comparison.differences[i] for comparison in comparisons.values()]
+        differences = [comparison.differences[i] for comparison in comparisons]
         corrected_p = holm(np.array([difference.p for difference in differences]))
-        for sequence, difference, p in zip(comparisons, differences, corrected_p, strict=True):
+        for place, difference, p in zip(places, differences, corrected_p, strict=True):
             numbers = {
                 f"{number}_difference": (difference.value, difference.low, difference.high),
                 f"{number}_difference_p": p,
             }
-            yield from number_rows(sequence_columns[sequence], protocol, numbers)
-    for sequence, comparison in comparisons.items():
+            yield from number_rows(place, protocol, numbers)
+    for place, comparison in zip(places, comparisons, strict=True):
         right_alone = {
             "only_this_right": comparison.only_this,
             "only_reference_right": comparison.only_reference,
         }
-        yield from number_rows(sequence_columns[sequence], protocol, right_alone)
+        yield from number_rows(place, protocol, right_alone)
 
 
 def event_rows(
@@ -228,29 +220,22 @@ def event_rows(
         is_near = reference[sequence].cells.seen & (distances_m.shown_m <= bands.edges_m[-1])
         columns = {"sequence": sequence, "ask": NEAR_CHANGE, "of": SHOWN, "at": bands.edges_m[-1]}
         yield columns | row("seen_near_a_change", "cells", is_near.sum())
-    shown_m = {sequence: distances_m.shown_m for sequence, distances_m in distances_of.items()}
-    to_come_m = {sequence: distances_m.to_come_m for sequence, distances_m in distances_of.items()}
-    for method, evaluations in answers.evaluations.items():
-        for protocol in PROTOCOLS:
-            for change_time, change_m in ((SHOWN, shown_m), (TO_COME, to_come_m)):
-                results = judge_by_band(
-                    [*evaluations.values()],
-                    [change_m[sequence] for sequence in evaluations],
-                    bands,
-                    protocol,
-                    bootstrap,
-                )
-                for columns in _band_rows(results, bands, change_time, protocol):
-                    yield {"method": method} | columns
-
-
-def _band_rows(results: BandResults, bands: Bands, change_time: str, protocol: str) -> TableRows:
-    """Rows of one method in each band of distance to a change that shows, or is to come."""
-    for band, edge_m in enumerate((*bands.edges_m, np.inf)):
-        columns = {"ask": NEAR_CHANGE, "of": change_time, "at": edge_m}
-        counts = {"seen": results.seen[band], "unseen": results.unseen[band]}
-        numbers = dict(zip(NEAR_CHANGES, results.values[band], strict=True))
-        yield from number_rows(columns, protocol, counts | numbers)
+    times = enumerate((SHOWN, TO_COME))  # in the order of ChangeDistances
+    for (method, evaluations), protocol, (i, change_time) in product(
+        answers.evaluations.items(), PROTOCOLS, times
+    ):
+        results = judge_by_band(
+            [*evaluations.values()],
+            [distances_of[sequence][i] for sequence in evaluations],
+            bands,
+            protocol,
+            bootstrap,
+        )
+        for band, edge_m in enumerate((*bands.edges_m, np.inf)):
+            columns = {"method": method, "ask": NEAR_CHANGE, "of": change_time, "at": edge_m}
+            counts = {"seen": results.seen[band], "unseen": results.unseen[band]}
+            numbers = dict(zip(NEAR_CHANGES, results.values[band], strict=True))
+            yield from number_rows(columns, protocol, counts | numbers)
 
 
 def viewpoint_rows(matches: ViewpointMatches) -> TableRows:

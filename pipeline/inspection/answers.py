@@ -157,7 +157,7 @@ def _protocol_rows(evaluation: Evaluation, protocol: str) -> list[tuple[str, str
         ("oracle", f"{text('oracle')}: the nearest training anchor's answer"),
         ("AUC", f"{aucs}, exact {text('auc_exact_top1')}"),
     ]
-    if np.isfinite(evaluation.value(protocol, "heading_within_10deg")):
+    if np.isfinite(evaluation.number(protocol, "heading_within_10deg").value):
         median = text("median_heading_error_deg")
         share = text("heading_within_10deg")
         rows.append(("heading", f"median error {median}°, within 10° {share} of the right"))

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from pipeline.evaluation.bootstrap import Estimate
 from pipeline.evaluation.doubts import BLIND, DOUBTS, VOID
 from pipeline.evaluation.numbers import MEASURES
 from pipeline.evaluation.paired import COMPARED, LEVEL
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.evaluation.rows import NEAR_CHANGE, Values, indexed, pick
+from pipeline.evaluation.rows import NEAR_CHANGE, indexed, pick
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, PERCENTILE, SHOWN, TO_COME
 from pipeline.report.result import TITLES, Result, by_model, day, is_posed, mean
 from pipeline.report.study import Study, against
@@ -402,7 +403,7 @@ def scope(study: Study, sequences: int, seeds: int, repeats: int = 1) -> Finding
     )
 
 
-def _lines(rows: pd.DataFrame, protocol: str, number: str) -> dict[str, Values]:
+def _lines(rows: pd.DataFrame, protocol: str, number: str) -> dict[str, Estimate]:
     """Map each model to one number of the whole year and its interval.
 
     The oracle, and models without an interval, are left out.

@@ -17,10 +17,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ArtifactError, InputError
+from pipeline.evaluation.bootstrap import NONE, Estimate
 from pipeline.evaluation.doubts import VOID
 from pipeline.evaluation.judgement import NOT_JUDGED, Evaluation
 from pipeline.evaluation.numbers import average
-from pipeline.evaluation.rows import NONE, UNPERTURBED, Values, indexed, pick
+from pipeline.evaluation.rows import UNPERTURBED, indexed, pick
 
 # The titles of the numbers that a study is about.
 TITLES = {"recall_at_1": "recall@1", "auc_top1": "AUC top-1", "auc_exact_top1": "exact AUC"}
@@ -42,7 +43,7 @@ class Scores:
     rows: pd.DataFrame  # its rows of the table of results, those of the whole year among them
 
     @cached_property
-    def numbers(self) -> dict[tuple[str, str], Values]:
+    def numbers(self) -> dict[tuple[str, str], Estimate]:
         """Protocol and number to its value and interval."""
         return indexed(self.rows, "protocol", "number")
 
@@ -82,13 +83,13 @@ class Scores:
         """
         return (protocol, VOID) in self.numbers
 
-    def values(self, protocol: str, name: str) -> Values:
+    def values(self, protocol: str, name: str) -> Estimate:
         """One number by one protocol and its 95 % interval; NaN where there is none."""
         return self.numbers.get((protocol, name), NONE)
 
     def number(self, protocol: str, name: str) -> float:
         """One number by one protocol; NaN where there is none."""
-        return self.values(protocol, name)[0]
+        return self.values(protocol, name).value
 
 
 @dataclass(frozen=True, eq=False)

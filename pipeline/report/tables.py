@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import pandas as pd
 
+from pipeline.evaluation.bootstrap import NONE, Estimate
 from pipeline.evaluation.doubts import VOID
 from pipeline.evaluation.judgement import VERDICTS
 from pipeline.evaluation.numbers import LEVEL_POSES, MEASURES, average
@@ -21,12 +22,10 @@ from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.rows import (
     HEADING,
     NEAR_CHANGE,
-    NONE,
     NOVELTY,
     PERTURBED,
     UNPERTURBED,
     VIEWPOINT,
-    Values,
     indexed,
     pick,
 )
@@ -196,7 +195,7 @@ def titled(columns: Sequence[Column]) -> list[tuple[str, Column]]:
     return [(column.heading, column) for column in columns]
 
 
-def bounded(values: Values, digits: int, mark: str = "") -> Cell:
+def bounded(values: Estimate, digits: int, mark: str = "") -> Cell:
     """A cell of a value with its interval, from (value, lowest, highest)."""
     value, *interval = values
     return number(value, digits, interval, mark)

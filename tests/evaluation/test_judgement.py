@@ -26,6 +26,7 @@ from pipeline.evaluation.judgement import (
 )
 from pipeline.evaluation.numbers import MEASURES, NUMBERS
 from pipeline.evaluation.protocols import Distance, Truth
+from pipeline.evaluation.rows import evaluation_rows, table
 from pipeline.matching.ranking import Ranking, joined
 from pipeline.matching.rejection import ACCEPT_NOTHING
 from tests.artifacts import SUITED
@@ -139,8 +140,8 @@ def test_headings_and_confidence_are_judged_where_the_answer_is_right() -> None:
     )
     # Right by cells are 0, 1 and 3, by distance 0, 1 and 2.
     name = "median_heading_error_deg"
-    assert evaluation.value("cells", name) == pytest.approx(3.0, abs=1e-4)
-    assert evaluation.value("distance", name) == pytest.approx(20.0, abs=1e-4)
+    assert evaluation.number("cells", name).value == pytest.approx(3.0, abs=1e-4)
+    assert evaluation.number("distance", name).value == pytest.approx(20.0, abs=1e-4)
     # Calibration is of the seen, by cells: right are 0, 1, 3, wrong is 2. 1 − cost: .85 .75 .55
     # right and .65 wrong, each in a bin of its own. Confidence: bin .9 … 1 holds 3 of .95, all
     # right; .4 … .5 one of .45, wrong.
@@ -157,11 +158,11 @@ def test_the_arrays_and_the_numbers_agree() -> None:
     for name in ("cells", "distance"):
         judgement = evaluation.protocol(name)
         for n in (1, 5, 25):
-            assert judgement.recall_at[n - 1] == evaluation.value(name, f"recall_at_{n}")
+            assert judgement.recall_at[n - 1] == evaluation.number(name, f"recall_at_{n}").value
         indices = [NUMBERS.index(measure) for measure in MEASURES]
         assert np.array_equal(judgement.rejection[0], judgement.numbers[indices], equal_nan=True)
         precision, recall = evaluation.curve(name, evaluation.thresholds)
-        area = evaluation.value(name, "auc_top1")
+        area = evaluation.number(name, "auc_top1").value
         assert np.trapezoid(precision, recall) == pytest.approx(area)
 
 
@@ -217,18 +218,18 @@ def test_what_is_of_no_query_is_nan() -> None:
     labels = replace(LABELS, places=np.full(5, -1), nearest_m=np.full(5, 99.0))
     evaluation = drive(labels=labels, reject_from=(np.inf, np.inf))
     for name in ("cells", "distance"):
-        values = {number: evaluation.value(name, number) for number in NUMBERS}
+        values = {number: evaluation.number(name, number).value for number in NUMBERS}
         assert values.pop("precision_at_threshold") == 0.0
         assert np.isnan([*values.values()]).all()
     assert np.isnan(evaluation.calibration).all()
     nobody = drive(rows(RANKING, slice(0)), rows(LABELS, slice(0)), XY_M[:0])
     assert line(nobody, "cells").startswith("auc_top1 none recall_at_1 none auroc none")
     rejecting = drive(reject_from=(ACCEPT_NOTHING, 0.0))
-    assert np.isnan(rejecting.value("cells", "precision_at_threshold"))
-    assert rejecting.value("cells", "recall_at_threshold") == 0.0
+    assert np.isnan(rejecting.number("cells", "precision_at_threshold").value)
+    assert rejecting.number("cells", "recall_at_threshold").value == 0.0
     silent = np.full(5, np.nan, np.float32)
     evaluation = drive(replace(RANKING, heading_deg=silent[:, None], confidence=silent))
-    assert np.isnan(evaluation.value("cells", "heading_within_10deg"))
+    assert np.isnan(evaluation.number("cells", "heading_within_10deg").value)
     assert np.isnan(evaluation.calibration).all()
     all_seen = drive(rows(RANKING, slice(4)), rows(LABELS, slice(4)), XY_M[:4])
     assert np.isnan(all_seen.number("cells", "auroc")).all()
@@ -280,15 +281,15 @@ def test_a_turned_robot_is_judged_by_its_own_heading() -> None:
     # against the nearest training pose: 10 + 30, 180 − 90, −45 + 180, 46 and 0 + 10; only the first
     # of the seen drives its way
     np.testing.assert_allclose(turned.turn_deg, [40, 90, 135, 46, 10], atol=1e-4)
-    assert turned.number("cells", "recall_at_1_turned")[0] == pytest.approx(1 / 3)
-    assert turned.number("cells", "recall_at_1_same_heading")[0] == 0.0
-    assert (
-        turned.cells.turned_share(turned.turn_deg),
-        driven.cells.turned_share(driven.turn_deg),
-    ) == (3 / 4, 2 / 4)
-    assert np.isnan(
-        drive(labels=replace(LABELS, places=np.full(5, -1))).cells.turned_share(driven.turn_deg)
-    )
+    assert turned.number("cells", "recall_at_1_turned").value == pytest.approx(1 / 3)
+    assert turned.number("cells", "recall_at_1_same_heading").value == 0.0
+    nowhere = drive(labels=replace(LABELS, places=np.full(5, -1)))
+    shares = [
+        table(evaluation_rows(each)).set_index(["number", "protocol"])["value"]
+        for each in (turned, driven, nowhere)
+    ]
+    turned_shares = [share["turned_share", "cells"] for share in shares]
+    assert turned_shares == pytest.approx([3 / 4, 2 / 4, np.nan], nan_ok=True)
 
 
 def test_each_case_is_judged_by_its_own_answers(tmp_path: Path) -> None:
@@ -331,7 +332,10 @@ def test_each_case_is_judged_by_its_own_answers(tmp_path: Path) -> None:
     # by cells three of the four seen are right as driven, the third at second rank; swapped, the
     # third alone
     driven, turned = result.values()
-    assert (driven.number("cells", "recall_at_1")[0], turned.number("cells", "recall_at_1")[0]) == (
+    assert (
+        driven.number("cells", "recall_at_1").value,
+        turned.number("cells", "recall_at_1").value,
+    ) == (
         0.75,
         0.25,
     )
@@ -380,8 +384,8 @@ def test_poses_are_judged_and_an_answer_outside_all_places_says_unseen_by_cells_
     without = drive(ranking)
     assert posed.pose_error_m == pytest.approx(np.full(5, 0.5))
     assert posed.pose_error_deg == pytest.approx(np.zeros(5), abs=1e-5)
-    assert posed.number("distance", "within_2m_5deg")[0] == 1.0
-    assert np.isnan(without.number("distance", "within_2m_5deg")[0])
+    assert posed.number("distance", "within_2m_5deg").value == 1.0
+    assert np.isnan(without.number("distance", "within_2m_5deg").value)
     assert drive().cells.outcome[0] == HIT
     assert posed.cells.outcome[0] == MISS
     precision, recall = posed.curve("cells", np.array([np.inf]))
@@ -398,15 +402,19 @@ def test_a_row_of_metrics_has_few_numbers_and_none_that_are_not_there() -> None:
         "answered": 3 / 4,
         "right_of_answered": 1.0,
     }
-    assert result["auc_top1"] == drive().value("cells", "auc_top1")
+    assert result["auc_top1"] == drive().number("cells", "auc_top1").value
     assert "within_2m_5deg" not in result  # there are no poses
     assert metrics(drive(poses=standing(XY_M, YAW_DEG)))["within_2m_5deg"] == 1.0
+
+
+def counts(evaluation: Evaluation) -> dict[str, int]:
+    return {name: queries.sum() for name, queries in evaluation.acceptance.items()}
 
 
 def test_accepted_places_are_counted_at_the_threshold_and_wrong_ones_among_them() -> None:
     """Novelties below .5: the first, third, fourth, fifth and sixth; the third is 200 m off and the
     sixth unseen. Refused: the second, which is right, and the last, unseen."""
-    assert seven_queries().acceptance_counts == {
+    assert counts(seven_queries()) == {
         "accepted": 5,
         "accepted_wrong": 2,
         "refused": 2,
@@ -423,7 +431,7 @@ def test_accepted_poses_are_counted_by_what_they_promise() -> None:
         pose_error_m=np.array([0, 0, 3, 0, 0, 50, np.nan]),
         pose_error_deg=np.array([0, 0, 0, 0, 6, 0, np.nan]),
     )
-    assert posed.acceptance_counts == {
+    assert counts(posed) == {
         "accepted": 4,
         "accepted_wrong": 2,
         "refused": 3,
@@ -431,7 +439,7 @@ def test_accepted_poses_are_counted_by_what_they_promise() -> None:
     }
     # of level sweeps a pose that is 6° off is right
     level = replace(posed, right_within=(1.0, 10.0))
-    assert level.acceptance_counts == {
+    assert counts(level) == {
         "accepted": 4,
         "accepted_wrong": 1,
         "refused": 3,

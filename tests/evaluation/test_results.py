@@ -131,7 +131,7 @@ def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -
             )
         ),
         *(("", "cells", name) for name in ("ece_raw", "ece")),
-        *(("", "distance", name) for name in one.acceptance_counts),
+        *(("", "distance", name) for name in one.acceptance),
     ]
     expected = {name: result["", "cells", name]["value"] for name in (*names, "doubt_less_kept")}
     # Three of the five seen are right, one of them turned; entropy tells 9 of 10 pairs of seen and
@@ -163,9 +163,7 @@ def test_rows_of_an_altered_case_say_what_was_done_and_leave_novelties_out() -> 
     assert [*map(case_text, others)] == ["", "turned 3", "demolition 60°", "construction 2 walls"]
     parts = {(row["ask"], row["of"], row["at"], row["repeat"]) for row in result}
     assert parts == {("perturbed", "construction with shadow", 2.0, 0)}
-    assert len(result) == 2 * (8 + len(NUMBERS) - len(POSES)) + 2 + len(
-        evaluation().acceptance_counts
-    )
+    assert len(result) == 2 * (8 + len(NUMBERS) - len(POSES)) + 2 + len(evaluation().acceptance)
 
 
 def test_the_table_holds_every_column_of_its_type_and_whose_study_it_is(

@@ -13,7 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pipeline.core.errors import InputError
-from pipeline.evaluation.rows import NONE, Values, indexed, pick, values
+from pipeline.evaluation.bootstrap import NONE, Estimate
+from pipeline.evaluation.rows import indexed, pick, values
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, PERCENTILE
 from pipeline.report.figures.panels import Line, dots, name_rows
 from pipeline.report.figures.panels import lines as draw_lines
@@ -101,7 +102,7 @@ def _slope_name(number: str) -> str:
     return f"{number}_per_{PER_DAYS}_days"
 
 
-def _is_clear(slope: Values) -> bool:
+def _is_clear(slope: Estimate) -> bool:
     """Whether the interval of a slope does not contain 0."""
     _, low, high = slope
     return low > 0 or high < 0

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from pipeline.core.errors import ArtifactError
 from pipeline.core.schemas import Fixes
+from pipeline.evaluation.calibration import reliability
 from pipeline.evaluation.failures import JudgedFix, failures, of_drive
 from pipeline.mapping.from_above import INKS, heading, scan_on_map
 from pipeline.report.figures.panels import WRONG_RED, calibration, facets, in_corner
@@ -88,7 +89,8 @@ def chances(group: Sequence[Result]) -> Figure:
         y_label="share that is right",
     )
     for axis, result in panels:
-        bins = result.evaluation.pose_reliability
+        evaluation = result.evaluation
+        bins = reliability(evaluation.pose_chances, evaluation.pose_right)
         calibration(axis, bins, colour(result.model), whole_area=WHOLE_AREA)
         ece = fixed(result.number("distance", "pose_ece"), 3)
         in_corner(axis, f"ECE {ece}", "0.25")

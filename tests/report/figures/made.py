@@ -10,11 +10,11 @@ from matplotlib.text import Text
 
 from pipeline.alterations import Case
 from pipeline.core.schemas import Labels
-from pipeline.evaluation.bootstrap import Bootstrap
+from pipeline.evaluation.bootstrap import Bootstrap, Estimate
 from pipeline.evaluation.judge import judge
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.protocols import PROTOCOLS, Distance
-from pipeline.evaluation.rows import NOVELTY, Values, case_columns, evaluation_rows, row, table
+from pipeline.evaluation.rows import NOVELTY, case_columns, evaluation_rows, row, table
 from pipeline.evaluation.viewpoints import ViewpointMatches
 from pipeline.matching.ranking import Ranking
 from pipeline.report.comparison import MEASURES, Comparison, Kind
@@ -82,7 +82,7 @@ def result(model: str, sequence: str, days: int, one: Evaluation) -> Result:
     return Result(model, sequence, days, table([*rows, *wanted]), one)
 
 
-def rows_of(numbers: Mapping[tuple[str, str], Values]) -> pd.DataFrame:
+def rows_of(numbers: Mapping[tuple[str, str], Estimate]) -> pd.DataFrame:
     """The table of results with these numbers alone, given by protocol and name."""
     return table(row(name, protocol, *values) for (protocol, name), values in numbers.items())
 
@@ -157,7 +157,7 @@ def compared(
     n_way: Mapping[str, int],
     **own: float,
 ) -> Comparison:
-    """Values (seed, sequence, repeat) by model and kind, the same of all numbers but those of
+    """Estimate (seed, sequence, repeat) by model and kind, the same of all numbers but those of
     `own`, the same everywhere."""
     rows = []
     for (model, kind), array in values.items():

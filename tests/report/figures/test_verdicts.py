@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pipeline.evaluation.rows import evaluation_rows, table
 from tests.report.figures.made import ONE, POSED
 
 
@@ -36,4 +37,5 @@ def test_the_chance_of_a_pose_stands_against_the_share_that_is_right() -> None:
     .2 and .1 share a bin, as .2 is a little less in float32: it is .35 off, the others .6 .3 .8 .1
     and .05."""
     evaluation = POSED[0].evaluation
-    assert evaluation.pose_ece == pytest.approx((2 * 0.35 + 0.6 + 0.3 + 0.8 + 0.1 + 0.05) / 7)
+    rows = table(evaluation_rows(evaluation)).set_index("number")["value"]
+    assert rows["pose_ece"] == pytest.approx((2 * 0.35 + 0.6 + 0.3 + 0.8 + 0.1 + 0.05) / 7)
