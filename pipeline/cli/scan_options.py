@@ -62,11 +62,27 @@ class ScanOptions:
     ) -> "Iterator[Scan]":
         """The scans of a finished input, or with `follow` those of a recording under way.
 
-        Scans that are left out or dropped are counted in the summary.
+        A recording ends when `idle_s` pass without a byte. Scans that are left out or dropped are
+        counted in the summary.
         """
-        if follow:
-            return self.followed_scans(path, idle_s, summary)
-        return self.scans(path, summary.skipped)
+        if not follow:
+            yield from self.scans(path, summary.skipped)
+            return
+        from pipeline.online.follow import Following
+
+        recording = Following(
+            Path(path),
+            topic=self.topic,
+            lift_m=self.lift_m,
+            idle_s=idle_s,
+            odometry=self.odometry,
+            body_T_lidar=self.body_T_lidar,
+        )
+        yield from recording.scans()
+        summary.dropped += recording.dropped
+        summary.skipped += recording.skipped
+        if recording.damage:
+            summary.broken.append(recording.damage)
 
     def scans(self, path: str, skipped: Counter[str]) -> "Iterator[Scan]":
         """The scans of a file, folder, log or bag.
@@ -85,27 +101,6 @@ class ScanOptions:
             body_T_lidar=self.body_T_lidar,
             message=self.message,
         )
-
-    def followed_scans(self, path: str, idle_s: float, summary: "Summary") -> "Iterator[Scan]":
-        """The scans of an .mcap that is still being recorded, until `idle_s` pass without a byte.
-
-        At the end, the scans that were dropped or left out are counted in the summary.
-        """
-        from pipeline.online.follow import Following
-
-        recording = Following(
-            Path(path),
-            topic=self.topic,
-            lift_m=self.lift_m,
-            idle_s=idle_s,
-            odometry=self.odometry,
-            body_T_lidar=self.body_T_lidar,
-        )
-        yield from recording.scans()
-        summary.dropped += recording.dropped
-        summary.skipped += recording.skipped
-        if recording.damage:
-            summary.broken.append(recording.damage)
 
 
 def check_site(
