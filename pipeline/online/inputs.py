@@ -18,15 +18,16 @@ from numpy.typing import NDArray
 
 from pipeline.core.building import build
 from pipeline.core.errors import ConfigError, LogError, YearlocError
-from pipeline.core.frames import Poses, moved
+from pipeline.core.frames import ROUNDED_NS, Poses, Stamps, moved
 from pipeline.formats import bin_layout, folder, nclt
 from pipeline.formats.bag import CLOUD, SWEEP
 from pipeline.formats.bag_file import BagFile, find
 from pipeline.opening.opening import by_reader, scan_files
+from pipeline.readers import vehicle
 from pipeline.readers.bag_clouds import Clouds
 from pipeline.readers.bag_poses import KINDS, Track, track
 from pipeline.readers.deskew import NO_BREAKS, scan_at_stamp
-from pipeline.readers.log import READERS, Log, raised, rows_with_poses
+from pipeline.readers.log import READERS, Log, raised
 from pipeline.readers.log import extrinsic as given_extrinsic
 from pipeline.readers.mounting import BODIES, Transforms
 
@@ -228,14 +229,10 @@ def _of_bags(
     child = odometry_track.child if odometry_track else None
     if body_T_lidar is None:
         body_T_lidar = raised(lift_m) @ lidar_on_vehicle(transforms, clouds.frames, child)
-    odom_T_body = rows_with_poses(
-        path,
-        clouds.stamps_ns,
-        truth=None,
-        odometry=odometry_track.trajectory if odometry_track else None,
-        skipped=skipped,
-        question="",
-    ).odom_T_scan @ child_T_body(transforms, child)
+    odom_T_body = np.tile(NO_POSE, (len(clouds.stamps_ns), 1, 1))
+    if odometry_track:
+        odom_T_child = _poses_at(odometry_track, clouds.stamps_ns)
+        odom_T_body = odom_T_child @ child_T_body(transforms, child)
     log = Log(
         clouds.stamps_ns,
         np.full_like(odom_T_body, np.nan),
@@ -284,6 +281,18 @@ def _odometry(path: Path, files: list[BagFile], name: str | None) -> Track | Non
             "or tf:PARENT>CHILD"
         )
     return track(files, name, ODOMETRY_GAP_S)
+
+
+def _poses_at(odometry: Track, stamps_ns: Stamps) -> Poses:
+    """The poses (n, 4, 4) by odometry at stamps (n,); NaN where there is none."""
+    trajectory, _ = vehicle.split_at_jumps(odometry.name, odometry.trajectory)
+    odom_T_child, _ = trajectory.at(stamps_ns)
+    # the odometry starts again after each jump: the first scan there marks it, as in a log. A gap
+    # needs no mark: no scan within it has a pose, and drives in several files are told apart
+    restarts_ns = odometry.trajectory.stamps_ns[vehicle.jumps(odometry.trajectory)]
+    first_rows = np.searchsorted(stamps_ns, restarts_ns - ROUNDED_NS)
+    odom_T_child[first_rows[first_rows < len(stamps_ns)]] = np.nan
+    return odom_T_child
 
 
 def child_T_body(transforms: Transforms, child: str | None) -> NDArray[np.float64]:
