@@ -94,7 +94,7 @@ def results(
         return
     table = _table(studies)
     if markdown:
-        from pipeline.report.document import document
+        from pipeline.report.pages import document
 
         print(document(table, studies), end="")
     elif keep_name:

@@ -1,18 +1,26 @@
-"""Fills the result blocks of README.md and docs/RESULTS.md from the tables of results.
+"""The results of all studies as markdown, and the result blocks of README.md and docs/RESULTS.md.
 
-A block is the text between `<!-- results: STUDY BUDGET KIND -->` and `<!-- end of results -->`.
-`blocks` lists those of a page, `table_texts` makes texts for them, and `filled` puts them in.
+In: the table of results. Out: `document`, which docs/RESULTS.md shows, and `scorecards`, one table
+per study, which it shows for each kind of processor arithmetic. A block is the text between
+`<!-- results: STUDY BUDGET KIND -->` and `<!-- end of results -->`. `blocks` lists those of a page,
+`table_texts` makes texts for them, and `filled` puts them in.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import pandas as pd
 
 from pipeline.core.errors import ConfigError
+from pipeline.evaluation.numbers import LEVEL_POSES
+from pipeline.evaluation.rows import pick
+from pipeline.report import tables
 from pipeline.report.brief import WIDEST, brief
-from pipeline.report.document import document, scorecards
+from pipeline.report.render import template
+from pipeline.report.result import Scores, ranked, read_scores
+from pipeline.report.table import Table
+from pipeline.report.tables import ANSWERS, Column
 from pipeline.studies.study import Study
 
 PAGES = "README.md", "docs/index.md", "docs/RESULTS.md"
@@ -21,6 +29,20 @@ MARK = re.compile(
 )
 PICTURE = "picture"
 KINDS = "brief", "tables", "bfloat16", "float32", PICTURE
+
+# After the scorecard come these tables over the test days: protocol and number of each.
+OVER_DAYS = (("cells", "recall_at_1"), ("cells", "auc_top1"), ("cells", "auroc"))
+# A selection of the columns of tables.POSES. "At .99" and "accepted" are poses accepted where a
+# precision of .99 was promised.
+POSES_IN_DOCUMENT = (
+    Column("within 2 m, 5°", "within_2m_5deg", 3),
+    Column("within 1 m, 10°", LEVEL_POSES, 3),  # of level sites alone
+    Column("within .5 m, 2°", "within_05m_2deg", 3),
+    Column("error [m]", "error_m", 2),
+    Column("error [°]", "error_deg", 2),
+    Column("accepted and right at .99", "recall_99", 3),
+    Column("wrong of accepted", "wrong_of_accepted_99", 3),
+)
 
 
 class Block(NamedTuple):
@@ -77,3 +99,47 @@ def table_texts(
         ):
             texts[Block(name, study.budget, kind)] = text
     return texts
+
+
+def document(results: pd.DataFrame, studies: Mapping[str, Study]) -> str:
+    """All tables, recorded studies first.
+
+    There is an entry for each study and cell size (`grid`); a study of viewpoints alone has no
+    scores, and is left out.
+    """
+    entries = []
+    for study in sorted(studies.values(), key=lambda study: study.simulated):
+        for grid in study.grids:
+            if scores := _scores(results, study, grid.name):
+                entries.append({"study": study, "grid": grid, "tables": list(_tables(scores))})
+    return template("results.md.j2", studies=entries)
+
+
+def scorecards(results: pd.DataFrame, studies: Mapping[str, Study]) -> str:
+    """The scorecard of each study and cell size, without the time of a query."""
+    untimed = results[results["number"] != "query_ms"]
+    texts = []
+    for study in studies.values():
+        for grid in study.grids:
+            if scores := _scores(untimed, study, grid.name):
+                texts.append(tables.scorecard(scores).markdown())
+    return "\n".join(texts)
+
+
+def _scores(results: pd.DataFrame, study: Study, grid: str) -> list[Scores]:
+    """The scores of the study at one cell size, the best model's first; empty if it has none."""
+    scores = read_scores(pick(results, study=study.name, grid=grid), study.tests)
+    if not scores:
+        return []
+    return [score for group in ranked(scores).values() for score in group]
+
+
+def _tables(scores: Sequence[Scores]) -> Iterator[Table]:
+    """The tables of one study at one cell size."""
+    yield tables.scorecard(scores)
+    for protocol, name in OVER_DAYS:
+        yield tables.over_days(f"by_{protocol}_{name}", scores, protocol, name)
+    if posed := [score for score in scores if score.posed]:
+        headings = ("method", "day")
+        yield tables.pose_table("posed", headings, posed, POSES_IN_DOCUMENT)
+        yield tables.pose_table("pose_answers", headings, posed, ANSWERS)

@@ -5,7 +5,9 @@ with report.md, results.txt (for a terminal), its figures, and a list of them; a
 """
 
 import json
+import textwrap
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +15,14 @@ import pandas as pd
 
 from pipeline.core.errors import ArtifactError
 from pipeline.evaluation.rows import pick
-from pipeline.report import terminal
-from pipeline.report.render import template
+from pipeline.report import findings, tables
+from pipeline.report.render import caption, sentence, template, words
+from pipeline.report.result import grouped
 from pipeline.report.section import Section
 from pipeline.report.sections import cases, lifelong, viewpoints, year
+from pipeline.report.strategies import read_strategies
 from pipeline.report.study import Study
+from pipeline.report.table import WIDEST
 from pipeline.report.web import page
 from pipeline.report.web.front import front
 from pipeline.running.dvc_files import DvcLock
@@ -82,7 +87,7 @@ def _write_study(study: Study, folder: Path, sections: Sequence[Section]) -> Non
     drawn = len(list(folder.glob("*.svg")))
     for name, text in (
         ("report.md", template("report.md.j2", study=study, sections=sections, folder=folder)),
-        ("results.txt", terminal.text(study, drawn) + "\n"),
+        ("results.txt", terminal_text(study, drawn) + "\n"),
         (MANIFEST, json.dumps(figures, indent=1) + "\n"),
     ):
         (folder / name).write_text(text, encoding="utf-8")
@@ -99,3 +104,41 @@ def _sections(
         yield lifelong.section(study, folder)
     elif methods := study.settings.bird_view_methods:
         yield viewpoints.section(study, folder, view(methods[0].view))
+
+
+def terminal_text(study: Study, figures: int) -> str:
+    """The text of a study; `figures` is the number of figures in its report."""
+    report = study.layout.path("report", study.name, study.grid, "report.md")
+    return "\n".join([*_blocks(study), f"  {report}, with {figures} figures beside it\n"])
+
+
+def _blocks(study: Study) -> Iterator[str]:
+    """The lines and tables of a study, by the questions that it asks."""
+    if study.settings.asks_about_the_year:
+        yield f"{study.where}, trained on {study.train} alone, cells of {study.cell_m:g} m\n"
+        yield tables.setup(study, longest=78).text()
+        for protocol, number in product(tables.DISTANCE_FIRST, tables.MAIN_NUMBERS):
+            main_table = tables.main_number(study, protocol, number)
+            yield from (_wrap(caption(main_table)), main_table.text())
+        yield from (tables.means(study).text(), _wrap(words("terminal")) + "\n")
+        if posed := [result for result in study.results if result.posed]:
+            for pose_table in tables.pose_tables(posed):
+                yield from (_wrap(caption(pose_table)), pose_table.text())
+        if doubts := [_wrap(sentence(doubt)) for doubt in findings.doubts(study)]:
+            yield "\n".join(doubts) + "\n"
+    if study.settings.learns_further_days:
+        yield f"{study.where}: after the last step of learning, means over the seeds\n"
+        for order, strategies in grouped(read_strategies(study.rows), "order").items():
+            for order_table in tables.of_order(order, strategies):
+                yield _wrap(caption(order_table)) + "\n" + order_table.text()
+    elif study.settings.bird_view_methods:
+        yield (
+            f"{study.where}: each sequence matched with itself, from headings between the "
+            "reference's\n"
+        )
+        yield from (viewpoint_table.text() for viewpoint_table in tables.over_headings(study))
+
+
+def _wrap(line: str) -> str:
+    """A sentence without its marks of markdown, in lines that a terminal has room for."""
+    return textwrap.fill(line.replace("`", "").replace("*", ""), WIDEST - 20)

@@ -11,7 +11,6 @@ from syrupy.assertion import SnapshotAssertion
 
 from pipeline.evaluation.doubts import DOUBTS, VOID
 from pipeline.evaluation.rows import AGAINST, NEAR_CHANGE, row, table
-from pipeline.report import case_findings as cases
 from pipeline.report import findings
 from pipeline.report.comparison import AUC, Kind
 from pipeline.report.findings import Finding
@@ -340,57 +339,57 @@ def test_the_leader_is_ahead_of_the_next_three(models: int, snapshot: SnapshotAs
     given = compared(
         {(m, TURNED): [[[starts[m]], [starts[m] + 0.1]]] for m in [*starts][:models]}, {}
     )
-    assert sentence(cases.leader(given, TURNED, AUC)) == snapshot
+    assert sentence(findings.leader(given, TURNED, AUC)) == snapshot
 
 
 def test_without_queries_as_driven_nobody_leads(snapshot: SnapshotAssertion) -> None:
     turned_alone = compared({("sci", TURNED): [[[0.7], [0.8]]]}, {})
-    assert sentence(cases.leader(turned_alone, DRIVEN, AUC)) == snapshot
+    assert sentence(findings.leader(turned_alone, DRIVEN, AUC)) == snapshot
 
 
 def test_who_keeps_its_auc_is_named_first(snapshot: SnapshotAssertion) -> None:
-    assert sentence(cases.kept(COMPARED, TURNED)) == snapshot(name="two keep it")
+    assert sentence(findings.kept(COMPARED, TURNED)) == snapshot(name="two keep it")
     built = Kind("construction", 2.0, True)
-    assert sentence(cases.kept(BUILT, built)) == snapshot(name="walls that hide what is behind")
+    assert sentence(findings.kept(BUILT, built)) == snapshot(name="walls that hide what is behind")
     lost = compared({("sci", DRIVEN): [[[0.8]]], ("sci", TURNED): [[[0.4]]]}, {})
-    assert sentence(cases.kept(lost, TURNED)) == snapshot(name="none keeps it")
+    assert sentence(findings.kept(lost, TURNED)) == snapshot(name="none keeps it")
     even = compared(
         {(m, kind): [[[0.8]]] for m in ("sci", "a", "b") for kind in (DRIVEN, TURNED)}, {}
     )
-    assert sentence(cases.kept(even, TURNED)) == snapshot(name="all keep it")
+    assert sentence(findings.kept(even, TURNED)) == snapshot(name="all keep it")
     nothing = compared({("sci", DRIVEN): [[[NAN]]], ("sci", TURNED): [[[NAN]]]}, {})
-    assert sentence(cases.kept(nothing, TURNED)) == snapshot(name="no AUC")
+    assert sentence(findings.kept(nothing, TURNED)) == snapshot(name="no AUC")
 
 
 def test_who_is_nearly_always_right_and_how_far_headings_are_off(
     snapshot: SnapshotAssertion,
 ) -> None:
     removed = Kind("demolition", 60.0)
-    assert sentence(cases.nearly_always(COMPARED, TURNED)) == snapshot(name="none is right")
+    assert sentence(findings.nearly_always(COMPARED, TURNED)) == snapshot(name="none is right")
     right = compared(
         {("sci", removed): [[[0.97]]], ("a", removed): [[[0.5]]]}, {}, median_heading_error_deg=2.0
     )
-    assert sentence(cases.nearly_always(right, removed)) == snapshot(name="one is right")
-    assert sentence(cases.heading_errors(right, removed)) == snapshot(name="two headings")
+    assert sentence(findings.nearly_always(right, removed)) == snapshot(name="one is right")
+    assert sentence(findings.heading_errors(right, removed)) == snapshot(name="two headings")
     headless = compared({("sci", removed): [[[NAN]]]}, {})
-    assert sentence(cases.heading_errors(headless, removed)) == snapshot(name="no heading")
-    assert sentence(cases.chance(right, removed)) == ""
+    assert sentence(findings.heading_errors(headless, removed)) == snapshot(name="no heading")
+    assert sentence(findings.chance(right, removed)) == ""
 
 
 def test_chance_is_told_by_repeats_seeds_and_sequences(snapshot: SnapshotAssertion) -> None:
-    chance = cases.chance(COMPARED, TURNED)
+    chance = findings.chance(COMPARED, TURNED)
     names = [entry["name"] for entry in chance.values["deviations"]]
     assert names == ["repeat", "seed", "sequence"]
     assert sentence(chance) == snapshot
 
 
 def test_shadows_of_walls_and_the_best_on_each_day(snapshot: SnapshotAssertion) -> None:
-    (shadows,) = cases.shadows(BUILT)
+    (shadows,) = findings.shadows(BUILT)
     assert sentence(shadows) == snapshot(name="what walls hide")
     without_shadow = compared({("sci", Kind("construction", 1.0)): [[[0.5]]]}, {})
-    assert cases.shadows(without_shadow) == []
+    assert findings.shadows(without_shadow) == []
     days = dict(zip(DAYS[:2], ("one", "two"), strict=True))
-    assert sentence(cases.best_on_each(COMPARED, days)) == snapshot(name="the best on each day")
+    assert sentence(findings.best_on_each(COMPARED, days)) == snapshot(name="the best on each day")
 
 
 def ways(turned: Mapping[str, float], driven: Mapping[str, float], sequences: int = 2) -> Finding:
@@ -400,7 +399,7 @@ def ways(turned: Mapping[str, float], driven: Mapping[str, float], sequences: in
         for kind, each in ((DRIVEN, driven), (TURNED, turned))
         for m, auc in each.items()
     }
-    return cases.n_ways(compared(values, {"sci": 1, "sci-4way": 4, "sci-8way": 8}), TURNED)
+    return findings.n_ways(compared(values, {"sci": 1, "sci-4way": 4, "sci-8way": 8}), TURNED)
 
 
 @pytest.mark.parametrize(

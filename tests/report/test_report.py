@@ -9,7 +9,7 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from pipeline.core.errors import ArtifactError
-from pipeline.report import report, terminal
+from pipeline.report import report
 from pipeline.report.study import Study
 from tests.report.studied import FEW, SETTINGS
 
@@ -85,7 +85,7 @@ def test_without_studies_there_is_nothing_to_report(study: Study, tmp_path: Path
 def test_a_terminal_shows_the_main_numbers_and_where_the_report_lies(
     study: Study, written: Path, snapshot: SnapshotAssertion
 ) -> None:
-    text = terminal.text(study, 31)
+    text = report.terminal_text(study, 31)
     assert (written / "campus/10m/results.txt").read_text() == text + "\n"
     assert re.sub(r"\S*/artifacts/", "artifacts/", text) == snapshot
     assert not re.search("[`*]|nan", text)

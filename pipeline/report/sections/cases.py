@@ -18,7 +18,7 @@ from pipeline.evaluation.events import Bands
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.rows import NEAR_CHANGE, PERTURBED, STRESS, UNPERTURBED, pick
 from pipeline.evaluation.study_rows import SHOWN
-from pipeline.report import case_findings, findings, tables
+from pipeline.report import findings, tables
 from pipeline.report.comparison import AUC, FAR, KEPT, OFF, RECALL, Comparison, Kind
 from pipeline.report.figures import events, robustness
 from pipeline.report.findings import Finding
@@ -106,15 +106,15 @@ def _turned(study: Study, folder: Path, alteration: str, comparison: Comparison)
         study,
         alteration,
         comparison,
-        (case_findings.leader(comparison, kind, AUC), case_findings.n_ways(comparison, kind)),
+        (findings.leader(comparison, kind, AUC), findings.n_ways(comparison, kind)),
         illustrations=[
             draw(
                 "turned",
                 robustness.kinds(comparison, measures, kind, heading),
-                case_findings.kept(comparison, kind),
-                case_findings.nearly_always(comparison, kind),
-                case_findings.heading_errors(comparison, kind),
-                case_findings.chance(comparison, kind),
+                findings.kept(comparison, kind),
+                findings.nearly_always(comparison, kind),
+                findings.heading_errors(comparison, kind),
+                findings.chance(comparison, kind),
             ),
             draw("ways", n_way_figure),
         ],
@@ -134,10 +134,10 @@ def _structure(study: Study, folder: Path, alteration: str, comparison: Comparis
         folder,
         "structure",
         robustness.levels(comparison, heading, UNITS[alteration]),
-        case_findings.kept(comparison, worst),
-        *case_findings.shadows(comparison),
-        case_findings.nearly_always(comparison, worst),
-        case_findings.chance(comparison, worst),
+        findings.kept(comparison, worst),
+        *findings.shadows(comparison),
+        findings.nearly_always(comparison, worst),
+        findings.chance(comparison, worst),
         name=alteration,
         alteration=alteration,
     )
@@ -145,7 +145,7 @@ def _structure(study: Study, folder: Path, alteration: str, comparison: Comparis
         study,
         alteration,
         comparison,
-        [case_findings.leader(comparison, worst, measure) for measure in (AUC, KEPT)],
+        [findings.leader(comparison, worst, measure) for measure in (AUC, KEPT)],
         illustrations=[illustration],
         tables=[
             *(tables.over_kinds(comparison, measure) for measure in (AUC, KEPT, FAR)),
@@ -162,14 +162,14 @@ def _glance(study: Study, folder: Path, alteration: str, comparison: Comparison)
         folder,
         "glance",
         robustness.kinds(comparison, (AUC, KEPT, FAR), Kind(), heading),
-        *(case_findings.kept(comparison, kind) for kind in comparison.changes),
+        *(findings.kept(comparison, kind) for kind in comparison.changes),
         name=alteration,
     )
     return _compared(
         study,
         "glance",
         comparison,
-        [case_findings.leader(comparison, kind, AUC) for kind in comparison.kinds],
+        [findings.leader(comparison, kind, AUC) for kind in comparison.kinds],
         name=alteration,
         illustrations=[illustration],
         tables=_every_case(comparison),
@@ -184,16 +184,16 @@ def _stress(study: Study, folder: Path, comparison: Comparison) -> Section:
         folder,
         "stress",
         robustness.sequences(comparison, titles, f"Sequences of stress, {study.name}"),
-        case_findings.nearly_always(comparison, Kind()),
-        case_findings.chance(comparison, Kind()),
+        findings.nearly_always(comparison, Kind()),
+        findings.chance(comparison, Kind()),
     )
     return _compared(
         study,
         "stress",
         comparison,
         (
-            case_findings.leader(comparison, Kind(), RECALL),
-            case_findings.best_on_each(comparison, titles),
+            findings.leader(comparison, Kind(), RECALL),
+            findings.best_on_each(comparison, titles),
         ),
         illustrations=[illustration],
         tables=[tables.stress(comparison, titles)],
