@@ -10,7 +10,7 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from pipeline.evaluation.results import where
-from pipeline.report import report, terminal
+from pipeline.report import report
 from pipeline.report.brief import brief
 from pipeline.report.render import sentence
 from pipeline.report.strategies import Strategy, findings, read_strategies
@@ -130,7 +130,7 @@ def test_the_report_and_the_page_are_whole(
     page = (tmp_path / "report/page.html").read_text()
     assert "sci: recall and forgetting after each step" in page
     assert "sad: recall and forgetting after each step" not in page
-    text = terminal.text(study, 7)
+    text = report.terminal_text(study, 7)
     assert re.sub(r"\S*/artifacts/", "artifacts/", text) == snapshot
     assert not re.search("[`*]|nan", text)
     assert max(map(len, text.splitlines())) <= 160
