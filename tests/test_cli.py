@@ -51,6 +51,11 @@ def study(project: Path) -> dict[str, object]:
     return only
 
 
+def split(project: Path) -> tuple[object, object]:
+    """The training and the test sequences of the only study."""
+    return study(project)["train"], study(project)["tests"]
+
+
 def keep_results(frame: pd.DataFrame) -> None:
     """Write a table as the results of the campus's study."""
     folder = Path("artifacts/results/campus")
@@ -79,14 +84,8 @@ def test_use_campus_writes_the_list_of_each_world(project):
 def test_a_copied_project_whose_venv_runs_the_code_of_another_says_so(project, capsys):
     (project / "pipeline/cli").mkdir(parents=True)
     line = f"the code of {ROOT} would run, not this folder's: `rm -r .venv && make install`"
-    for words in (
-        "use campus",
-        "results",
-        "repro",
-        "repair",
-        "localize a.site scan.npy",
-        "inspect scan.npy",
-    ):
+    commands = "use campus|results|repro|repair|localize a.site scan.npy|inspect scan.npy"
+    for words in commands.split("|"):
         assert line in refused(capsys, *words.split())
     (project / "pipeline/cli").rmdir()
     (project / "pipeline/cli").symlink_to(ROOT / "pipeline/cli")
@@ -95,10 +94,8 @@ def test_a_copied_project_whose_venv_runs_the_code_of_another_says_so(project, c
 
 def test_a_copy_of_the_code_among_the_packages_is_not_another_project(project, monkeypatch):
     (project / "pipeline/cli").mkdir(parents=True)
-    monkeypatch.setattr(
-        "pipeline.cli.project.__file__",
-        str(project / ".venv/site-packages/pipeline/cli/project.py"),
-    )
+    among_packages = project / ".venv/site-packages/pipeline/cli/project.py"
+    monkeypatch.setattr("pipeline.cli.project.__file__", str(among_packages))
     main(["use", "campus"])  # after `pip install '.[onnx]'`
 
 
@@ -133,10 +130,8 @@ def test_use_nclt_takes_what_is_on_disk_and_says_what_is_missing(project, capsys
     (root / "2012-03-17/velodyne_sync").mkdir(parents=True)
     main(["use", "nclt", f"root={root}"])
     said = capsys.readouterr().out
-    assert (study(project)["tests"], study(project)["root"]) == (
-        ["2012-02-04", "2012-08-20"],
-        str(root),
-    )
+    assert study(project)["tests"] == ["2012-02-04", "2012-08-20"]
+    assert study(project)["root"] == str(root)
     assert "2012-03-17: lacks groundtruth_2012-03-17.csv" in said
     assert "2013-04-05: not below" in said
 
@@ -157,40 +152,24 @@ def kitti(root: Path, *logs: str) -> None:
 def test_use_kitti_splits_one_log(project):
     kitti(project / "kitti", "07")
     main(["use", "kitti", f"root={project / 'kitti'}"])
-    assert (study(project)["train"], study(project)["tests"]) == ("07-a", ["07-b"])
+    assert split(project) == ("07-a", ["07-b"])
 
 
 def test_use_splits_one_log_as_asked(project, capsys):
     carmen_log(project / "logs", name="drive.log")
-    main(["use", "carmen", f"root={project / 'logs'}"])
-    assert (study(project)["train"], study(project)["tests"]) == (
-        "drive+path1of2+30s",
-        ["drive+path2of2+30s"],
-    )
-    main(["use", "carmen", f"root={project / 'logs'}", "parts=visits:60"])
-    assert (study(project)["train"], study(project)["tests"]) == (
-        "drive+first+60s",
-        ["drive+later+60s"],
-    )
-    main(
-        [
-            "use",
-            "carmen",
-            f"root={project / 'logs'}",
-            "train=drive+path1of4",
-            "tests=drive+path3of4,drive+path4of4",
-        ]
-    )
-    assert (study(project)["train"], study(project)["tests"]) == (
-        "drive+path1of4",
-        ["drive+path3of4", "drive+path4of4"],
-    )
+    use = ("use", "carmen", f"root={project / 'logs'}")
+    main([*use])
+    assert split(project) == ("drive+path1of2+30s", ["drive+path2of2+30s"])
+    main([*use, "parts=visits:60"])
+    assert split(project) == ("drive+first+60s", ["drive+later+60s"])
+    main([*use, "train=drive+path1of4", "tests=drive+path3of4,drive+path4of4"])
+    assert split(project) == ("drive+path1of4", ["drive+path3of4", "drive+path4of4"])
     refusals = {
         "parts=halved": "expected path:2, time:3",
         "train=drive+path1of4 tests=drive": "holds what the training sequence",
     }
     for words, part in refusals.items():
-        assert part in refused(capsys, "use", "carmen", f"root={project / 'logs'}", *words.split())
+        assert part in refused(capsys, *use, *words.split())
 
 
 def test_studies_do_not_change_while_dvc_works_on_them(project, capsys):
@@ -200,9 +179,8 @@ def test_studies_do_not_change_while_dvc_works_on_them(project, capsys):
     with (project / ".dvc/tmp/lock").open("w") as held:
         fcntl.flock(held, fcntl.LOCK_EX)
         for words in ("use town", "use campus world=tiny budget=demo", "repair"):
-            assert "`dvc` works in this folder, and nothing was changed" in refused(
-                capsys, *words.split()
-            )
+            line = refused(capsys, *words.split())
+            assert "`dvc` works in this folder, and nothing was changed" in line
         main(["use"])  # `make dashboard` asks so for their names
         main(["use", "campus", "world=tiny"])
     assert studies(project) == before
@@ -257,11 +235,11 @@ def test_use_kitti_for_viewpoints_trains_on_all_other_logs_that_are_there(projec
     kitti(project / "kitti", "00", "02", "08")
     words = ["use", "kitti", f"root={project / 'kitti'}", "question=viewpoints"]
     main(words)
-    assert (study(project)["train"], study(project)["tests"]) == ("02 08", ["00"])
+    assert split(project) == ("02 08", ["00"])
     assert {method["view"] for method in study(project)["methods"]} == {"birdview"}
     assert "05: not below" in capsys.readouterr().out
     main([*words, "train=00", "tests=02,08"])
-    assert (study(project)["train"], study(project)["tests"]) == ("00", ["02", "08"])
+    assert split(project) == ("00", ["02", "08"])
 
 
 MISTAKES = {
@@ -336,31 +314,20 @@ def test_a_broken_list_of_studies_is_written_anew(project, capsys):
     [
         (
             "studies",
-            (
-                "use",
-                "results",
-                "results --full",
-                "repro",
-                "repair",
-                "picture a/b/c -o a.gif",
-                "pack a/b/c -o a",
-            ),
+            "use|results|results --full|repro|repair|picture a/b/c -o a.gif|pack a/b/c -o a",
         ),
-        ("lists", ("repro", "repair")),
-        ("method/sci", ("methods", "use campus", "repair")),
-        ("dataset/campus", ("use campus", "repair")),
-        ("fetch/nclt", ("fetch nclt 2012-01-15",)),
+        ("lists", "repro|repair"),
+        ("method/sci", "methods|use campus|repair"),
+        ("dataset/campus", "use campus|repair"),
+        ("fetch/nclt", "fetch nclt 2012-01-15"),
     ],
 )
 def test_a_file_of_conf_that_cannot_be_read_is_one_line(project, capsys, file, commands, how):
     path = project / f"conf/{file}.yaml"
     broken(path, how)
-    for command in commands:
-        missing = how == "missing" and file not in (
-            "studies",
-            "lists",
-        )  # then it is none of those that there are
-        if not missing:
+    for command in commands.split("|"):
+        # a missing file of another kind is none of those that there are
+        if how != "missing" or file in ("studies", "lists"):
             assert str(path.relative_to(project)) in refused(capsys, *command.split()), command
     if file in ("studies", "lists"):
         main(["use", "campus", "world=tiny"])  # as the line says
@@ -369,9 +336,8 @@ def test_a_file_of_conf_that_cannot_be_read_is_one_line(project, capsys, file, c
 
 def test_a_training_sequence_that_is_not_there_is_refused_with_those_that_are(project, capsys):
     nclt(project / "data", "2012-02-04", "2012-03-17")
-    assert "one of 2012-02-04, 2012-03-17" in refused(
-        capsys, "use", "nclt", f"root={project / 'data'}"
-    )
+    line = refused(capsys, "use", "nclt", f"root={project / 'data'}")
+    assert "one of 2012-02-04, 2012-03-17" in line
 
 
 def test_a_sequence_that_cannot_be_read_is_named_with_its_reason(project, capsys):
@@ -382,16 +348,12 @@ def test_a_sequence_that_cannot_be_read_is_named_with_its_reason(project, capsys
         (root / day / "scans/1.0.npy").touch()
     assert "mon: lacks poses.txt; tue: lacks poses.txt" in refused(capsys, *use)
     (root / "mon/poses.txt").touch()
-    assert (
-        "one more is needed, or parts=path:2 splits it, without train=; tue: lacks poses.txt"
-        in refused(capsys, *use, "train=mon")
-    )
+    says = "one more is needed, or parts=path:2 splits it, without train=; tue: lacks poses.txt"
+    assert says in refused(capsys, *use, "train=mon")
     (root / "tue/poses.txt").touch()
     assert "is the training sequence" in refused(capsys, *use, "train=mon", "tests=mon")
-    for tests in (
-        [],
-        ["tests=tue"],
-    ):  # what is trained on is no advice for a test, and two are no log to split
+    # what is trained on is no advice for a test, and two are no log to split
+    for tests in ([], ["tests=tue"]):
         assert refused(capsys, *use, "train=mon,tue", *tests).endswith(": one more is needed")
     (root / "tue").rename(root / "tue 2")
     assert "rename it" in refused(capsys, *use)
@@ -440,9 +402,8 @@ def test_results_are_printed_for_other_programs(project, capsys):
     assert (first["value"], second["low"], second["ask"]) == (0.5, None, "unperturbed")
     main(["results", "--where", "method=m2dp"])
     assert "0.125" in capsys.readouterr().out
-    assert "expected one of the columns study, dataset" in refused(
-        capsys, "results", "--where", "speed=1"
-    )
+    line = refused(capsys, "results", "--where", "speed=1")
+    assert "expected one of the columns study, dataset" in line
 
 
 def test_results_of_a_study_that_was_changed_since_are_called_so(project, capsys):
@@ -496,9 +457,8 @@ def test_a_picture_of_a_model_that_the_study_has_not_is_left_as_it_is(pages, cap
     main(["results", "--write"])
     assert "README.md: campus demo picture sci_ring-pose: left as it is" in capsys.readouterr().out
     pages.write_text(pages.read_text() + pages.read_text().replace("sci_ring-pose", "sci"))
-    assert "2 different pictures are wanted, and docs/year.gif holds one" in refused(
-        capsys, "results", "--write"
-    )
+    line = refused(capsys, "results", "--write")
+    assert "2 different pictures are wanted, and docs/year.gif holds one" in line
 
 
 def test_what_the_papers_findings_read_is_kept_and_the_page_is_made_of_it(project, capsys):
@@ -601,12 +561,8 @@ def test_shells_complete_commands_and_options():
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion_is_installed_for_a_shell(tmp_path, shell):
-    done = yearloc(
-        "--install-completion",
-        shell,
-        HOME=str(tmp_path),
-        _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1",
-    )
+    environment = {"HOME": str(tmp_path), "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
+    done = yearloc("--install-completion", shell, **environment)
     assert done.stdout.startswith(f"{shell} completion installed in {tmp_path}")
     scripts = [path for path in tmp_path.rglob("*yearloc*") if path.is_file()]
     assert ["_YEARLOC_COMPLETE" in script.read_text() for script in scripts] == [True]

@@ -109,19 +109,12 @@ def test_a_warning_that_all_scans_share_is_given_once(tmp_path: Path) -> None:
 
 
 def test_submaps_are_described_with_what_they_gather_and_leave_out(tmp_path: Path) -> None:
-    rows = {
-        "first": np.arange(ROWS) // 2,
-        "scans": np.arange(ROWS),
-        "ground_m": -np.arange(ROWS) / 10,
-    }
-    found = inspect(write(tmp_path / "a.zarr", "submaps", used=np.ones(ROWS, bool), **rows))
+    count = np.arange(ROWS)
+    rows = {"first": count // 2, "scans": count, "ground_m": -count / 10, "used": count >= 0}
+    found = inspect(write(tmp_path / "a.zarr", "submaps", **rows))
     # The first gathers itself alone; the last: 4, 5, … 9.
-    assert_says(
-        found,
-        "1 … 6 scans each, laid out by odom_T_scan",
-        "−0.90 … 0.00 m",
-        "7 anchors: no true pose",
-    )
+    assert_says(found, "1 … 6 scans each, laid out by odom_T_scan", "−0.90 … 0.00 m")
+    assert_says(found, "7 anchors: no true pose")
 
 
 def test_sweeps_in_an_outage_are_no_fault_and_are_not_diagnosed_alone(tmp_path: Path) -> None:
@@ -142,18 +135,11 @@ def test_views_are_described_with_their_empty_bins(tmp_path: Path) -> None:
 
 def test_a_ranking_is_described_with_what_each_kind_of_novelty_rejects(tmp_path: Path) -> None:
     novelty = np.stack([np.linspace(0.1, 1.0, ROWS), np.ones(ROWS)], axis=1).astype(np.float32)
-    found = inspect(
-        write(
-            tmp_path / "a.zarr",
-            "rankings",
-            novelty=novelty,
-            confidence=np.full(ROWS, np.nan, np.float32),
-        )
-    )
+    columns = {"novelty": novelty, "confidence": np.full(ROWS, np.nan, np.float32)}
+    found = inspect(write(tmp_path / "a.zarr", "rankings", **columns))
     # .5 … 1.0 are six of ten.
-    assert_says(
-        found, "rejects 60.0 % from 0.5 on", "rejects 0.0 % from 2 on", "confidence     none"
-    )
+    assert_says(found, "rejects 60.0 % from 0.5 on", "rejects 0.0 % from 2 on")
+    assert_says(found, "confidence     none")
     assert found.warnings[0].startswith("every query gets the same first answer")
 
 
@@ -170,18 +156,16 @@ def test_an_evaluation_is_described_by_both_protocols_with_intervals(tmp_path: P
     assert_says(found, "heading    median error 1.000°, within 10° 1.000 of the right")
     assert found.warnings == ()
     numbers[:, NUMBERS.index("heading_within_10deg")] = np.nan
-    without_heading = inspect(
-        write(tmp_path / "b.zarr", "evaluations", **columns, numbers=numbers[None])
-    ).text()
-    assert "\n  heading  " not in without_heading
+    columns["numbers"] = numbers[None]
+    without_heading = inspect(write(tmp_path / "b.zarr", "evaluations", **columns))
+    assert "\n  heading  " not in without_heading.text()
 
 
 def test_an_evaluation_without_a_seen_query_warns(tmp_path: Path) -> None:
     seen = np.stack([np.ones(ROWS, bool), np.zeros(ROWS, bool)])
     none = np.full((1, 2, len(NUMBERS), 3), np.nan)
-    found = inspect(
-        write(tmp_path / "a.zarr", "evaluations", seen=seen[None], unseen=~seen[None], numbers=none)
-    )
+    columns = {"seen": seen[None], "unseen": ~seen[None], "numbers": none}
+    found = inspect(write(tmp_path / "a.zarr", "evaluations", **columns))
     assert "at 1 none" in found.text()
     assert found.warnings == (
         "no query was seen in training by distance: recall and AUC mean nothing there",
@@ -200,13 +184,8 @@ def test_provenance_is_what_dvc_lock_says(tmp_path: Path) -> None:
         "10.0\n        out:\n    outs:\n    - path: artifacts/labels/a.zarr\n      md5: ff.dir\n"
     )
     found = inspect(path, lock=lock)
-    assert_says(
-        found,
-        "labels@a",
-        "python -m stages.labels a",
-        "conf/labels.yaml: cell_m=10",
-        "code    stages/labels.py",
-    )
+    assert_says(found, "labels@a", "python -m stages.labels a", "conf/labels.yaml: cell_m=10")
+    assert_says(found, "code    stages/labels.py")
     assert_says(found, "artifacts/submaps/a.zarr (fedcba98, 34 kB, 9 files)")
     other = write(tmp_path / "artifacts" / "labels" / "b.zarr", "labels")
     assert "has no entry for it" in inspect(other, lock=lock).text()
@@ -223,11 +202,8 @@ def test_an_artifact_that_lost_a_file_is_refused(tmp_path: Path) -> None:
     )
     assert inspect(path, lock=lock).warnings == ()
     (path / "more").touch()
-    assert (
-        inspect(path, lock=lock)
-        .warnings[0]
-        .startswith(f"not what {lock} recorded: {len(files) + 1} files")
-    )
+    first_warning, *_ = inspect(path, lock=lock).warnings
+    assert first_warning.startswith(f"not what {lock} recorded: {len(files) + 1} files")
     next(file for file in files if file.name != "zarr.json").unlink()
     with one_line(ArtifactError, r"a\.zarr: 1 of 1 files of \w+ are missing"):
         inspect(path, lock=lock)
@@ -235,11 +211,8 @@ def test_an_artifact_that_lost_a_file_is_refused(tmp_path: Path) -> None:
 
 def test_a_model_is_described_with_its_arrays_and_recipe(tmp_path: Path) -> None:
     path = tmp_path / "sci.zarr.zip"
-    store.write_model(
-        path,
-        {"weight": np.array([[1.0, np.nan]], np.float32), "scale": np.array(2.0)},
-        {"epochs": 30},
-    )
+    arrays = {"weight": np.array([[1.0, np.nan]], np.float32), "scale": np.array(2.0)}
+    store.write_model(path, arrays, {"epochs": 30})
     found = inspect(path)
     assert "epochs  30" in found.text()
     assert found.warnings[0].startswith("NaN/inf in weight")
@@ -247,16 +220,13 @@ def test_a_model_is_described_with_its_arrays_and_recipe(tmp_path: Path) -> None
 
 def test_a_broken_artifact_raises_an_error_of_one_line(tmp_path: Path) -> None:
     path = write(tmp_path / "a.zarr", "labels")
-    shard = next(
-        file for file in (path / "places").rglob("*") if file.is_file() and file.name != "zarr.json"
-    )
+    files = (path / "places").rglob("*")
+    shard = next(file for file in files if file.is_file() and file.name != "zarr.json")
     shard.write_bytes(shard.read_bytes()[:-9])
     with one_line(ArtifactError, r"places is damaged .*dvc repro"):
         inspect(path)
-    for text, says in (
-        ('{"attributes": {"kind": "casks"}}', "kind casks"),
-        ('{"attr', "cut short"),
-    ):
+    wrong = {'{"attributes": {"kind": "casks"}}': "kind casks", '{"attr': "cut short"}
+    for text, says in wrong.items():
         (path / "zarr.json").write_text(text)
         with one_line(ArtifactError, says):
             inspect(path)
@@ -270,6 +240,8 @@ def test_a_broken_artifact_raises_an_error_of_one_line(tmp_path: Path) -> None:
         ("notes.md", ConfigError, "no kind of file"),
         ("a.laz", ConfigError, "a surveyor's map, not scans"),
         ("a.pcap", ConfigError, "ros2 bag record"),
+        ("tue.db3.zstd", ConfigError, "packed: name the folder"),
+        ("tue.bag.gz", ConfigError, "packed: unpack it with"),
         ("bad.zarr.zip", ArtifactError, "not a whole model"),
         ("", LogError, r"no artifact, folder of scans.*notes.md"),
     ],
@@ -277,7 +249,7 @@ def test_a_broken_artifact_raises_an_error_of_one_line(tmp_path: Path) -> None:
 def test_a_missing_or_unknown_file_raises_an_error_of_one_line(
     tmp_path: Path, name: str, kind: type, says: str
 ) -> None:
-    for existing in ("notes.md", "bad.zarr.zip", "a.laz", "a.pcap"):
+    for existing in ("notes.md", "bad.zarr.zip", "a.laz", "a.pcap", "tue.db3.zstd", "tue.bag.gz"):
         (tmp_path / existing).write_text("x")
     with one_line(kind, says):
         inspect(tmp_path / name)

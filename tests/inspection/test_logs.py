@@ -30,10 +30,9 @@ def nclt_sequence(root: Path, scans: int = 6) -> Path:
     """Write a sequence of NCLT: five scans a second, and ten true poses a second along x at 10 m/s."""
     folder = root / "2012-01-15"
     (folder / "velodyne_sync").mkdir(parents=True)
+    data = nclt_bytes(scan(32))
     for i in range(scans):
-        (folder / "velodyne_sync" / f"{START_US + 200_000 * i}.bin").write_bytes(
-            nclt_bytes(scan(32))
-        )
+        (folder / "velodyne_sync" / f"{START_US + 200_000 * i}.bin").write_bytes(data)
     stamps = START_US + 100_000 * np.arange(2 * scans)
     rows = np.zeros((len(stamps), 6))
     rows[:, 0] = np.arange(len(stamps))
@@ -114,9 +113,7 @@ def test_packets_are_counted_and_looked_at_in_the_bodys_frame(tmp_path: Path) ->
     assert f"8, with {8 * size // 8:,} hits" in found.text()
     assert "ground   at z = +0.0" in found.text() or "ground   at z = −0.0" in found.text()
     path.write_bytes(path.read_bytes()[:-3])
-    with pytest.raises(
-        LogError, match=f"no whole packet at byte {4 * (24 + size) + 3 * (24 + size)}"
-    ):
+    with pytest.raises(LogError, match=f"no whole packet at byte {7 * (24 + size)}"):
         inspect(path)
 
 
@@ -124,11 +121,10 @@ def test_arrays_of_points_are_looked_at(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.column_stack([scan(64) / 50, np.ones(len(scan(64)))]))
     assert inspect(tmp_path / "a.npy").warnings[0].startswith("normalised cloud")
     np.save(tmp_path / "b.npy", np.ones((5, 2)))
-    with pytest.raises(LogError, match="expected points"):
-        inspect(tmp_path / "b.npy")
     (tmp_path / "c.npy").write_bytes((tmp_path / "a.npy").read_bytes()[:500])
-    with pytest.raises(LogError, match="the file is damaged"):
-        inspect(tmp_path / "c.npy")
+    for name, says in (("b.npy", "expected points"), ("c.npy", "the file is damaged")):
+        with pytest.raises(LogError, match=says):
+            inspect(tmp_path / name)
 
 
 @pytest.mark.parametrize(
@@ -216,14 +212,14 @@ def test_a_carmen_log_and_key_frames_are_described_as_their_readers_open_them(
     tmp_path: Path,
 ) -> None:
     log = inspect(carmen_log(tmp_path / "logs") / "drive.log")
-    assert_says(
-        log, "CARMEN log", "sweeps    6, 6 with a true pose", "odometry  at 83.3 % of the sweeps"
-    )
+    assert_says(log, "CARMEN log", "sweeps    6, 6 with a true pose")
+    assert_says(log, "odometry  at 83.3 % of the sweeps")
     assert any("6 of 18 ranges reached the laser's limit" in warning for warning in log.warnings)
     assert_says(inspect(tmp_path / "logs"), "CARMEN root, sequences: 1", "drive  can be read")
     run = key_frames(tmp_path / "runs") / "run"
+    found = inspect(run)
     assert_says(
-        inspect(run), "key frames sequence run", "scans     4, 4 with a true pose", "path      3 m"
+        found, "key frames sequence run", "scans     4, 4 with a true pose", "path      3 m"
     )
     assert_says(inspect(tmp_path / "runs"), "key frames root, sequences: 1", "run  can be read")
 
@@ -231,51 +227,39 @@ def test_a_carmen_log_and_key_frames_are_described_as_their_readers_open_them(
 # Another robot's
 
 
-def own_sequence(
-    root: Path, world_T_body: Callable[[int], tuple[float, float]], lies_m: Callable[[int], float]
-) -> Path:
-    """Write a user's sequence of twenty scans of a yard.
+def own_sequence(root: Path, lies_m: Callable[[int], float]) -> Path:
+    """Write a user's sequence of twenty scans of a yard, 10 m apart along x, with TUM poses.
 
-    `world_T_body` returns x and y of the TUM pose of a scan, `lies_m` how far its points are moved
-    along x.
+    `lies_m` returns how far the points of a scan are moved along x.
     """
     points_m = scan(64, ground_m=0.0)
     rows = []
-    (root / "drive/scans").mkdir(parents=True)
     for i in range(20):
         moved_m = points_m + np.array([lies_m(i), 0, 0])
-        np.column_stack([moved_m, np.ones(len(moved_m))]).astype("<f4").tofile(
-            root / f"drive/scans/{100 + i}.000.bin"
-        )
-        x_m, y_m = world_T_body(i)
-        rows.append(f"{100 + i} {x_m} {y_m} 0 0 0 0 1\n")
+        kitti_file(root / f"drive/scans/{100 + i}.000.bin", moved_m)
+        rows.append(f"{100 + i} {10.0 * i} 0 0 0 0 0 1\n")
     (root / "drive/poses.txt").write_text("".join(rows))
     return root / "drive"
 
 
 def test_scans_beside_poses_are_opened_by_the_reader_of_folders(tmp_path: Path) -> None:
-    found = inspect(own_sequence(tmp_path, lambda i: (10.0 * i, 0.0), lambda i: 0.0))
-    assert_says(
-        found,
-        "another robot's sequence drive",
-        "scans     20, 20 with a true pose",
-        "190 m, step median 10 m",
-    )
+    found = inspect(own_sequence(tmp_path, lambda i: 0.0))
+    assert_says(found, "another robot's sequence drive", "scans     20, 20 with a true pose")
+    assert_says(found, "190 m, step median 10 m")
     assert found.warnings == ()
     assert "can be read" in inspect(tmp_path).text()
     assert "scans of another robot" in inspect(tmp_path / "drive/scans").headline
 
 
 def test_a_warning_says_that_clouds_are_in_the_world_already(tmp_path: Path) -> None:
-    found = inspect(own_sequence(tmp_path, lambda i: (10.0 * i, 0.0), lambda i: 10.0 * i))
+    found = inspect(own_sequence(tmp_path, lambda i: 10.0 * i))
     assert any(warning.startswith("clouds in the world already") for warning in found.warnings)
 
 
 def test_a_folder_of_scans_by_columns_is_refused(tmp_path: Path) -> None:
     points_m = scan(64, ground_m=0.0)
-    np.column_stack([points_m, np.ones(len(points_m))]).T.astype("<f4").tofile(
-        tmp_path / "100.0.bin"
-    )
+    rows = np.column_stack([points_m, np.ones(len(points_m))]).astype("<f4")
+    rows.T.tofile(tmp_path / "100.0.bin")
     with one_line(LogError, "holds all x, then all y, then all z"):
         inspect(tmp_path)
 
@@ -293,18 +277,5 @@ def test_the_format_of_poses_is_known_by_their_columns(tmp_path: Path, name: str
 def test_a_warning_says_that_poses_are_no_vehicles(tmp_path: Path) -> None:
     """The quaternion is written w first: the body hangs upside down."""
     (tmp_path / "poses.txt").write_text("".join(f"{100 + i} {i} 0 0 1 0 0 0\n" for i in range(5)))
-    assert any(
-        "tilted by up to 180°" in warning for warning in inspect(tmp_path / "poses.txt").warnings
-    )
-
-
-@pytest.mark.parametrize(
-    ("name", "says"),
-    [("day.db3.zstd", "packed: name the folder"), ("day.bag.gz", "packed: unpack it with")],
-)
-def test_the_error_on_a_packed_file_says_how_to_unpack_it(
-    tmp_path: Path, name: str, says: str
-) -> None:
-    (tmp_path / name).write_bytes(b"\x28\xb5\x2f\xfd" + bytes(20))
-    with one_line(ConfigError, says):
-        inspect(tmp_path / name)
+    warnings = inspect(tmp_path / "poses.txt").warnings
+    assert any("tilted by up to 180°" in warning for warning in warnings)

@@ -1,11 +1,15 @@
 """A hall of 20 by 12 m made by hand, and the sweeps of a level laser in it."""
 
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.formats import nav2_map
+from pipeline.formats.nav2_map import GridMap
 from pipeline.level.held_out import Sweeps
+from pipeline.level.level_map import Drawing
 
 SIZE_M = (20.0, 12.0)
 WALLS = (
@@ -79,3 +83,13 @@ def drive(
         step = np.linalg.inv(before) @ after
         odom_T_sweep.append(odom_T_sweep[-1] @ step @ pose(0, 0, np.deg2rad(2) * step_m))
     return Sweeps(lambda row: hits[row], world_T_sweep, np.array(odom_T_sweep))
+
+
+def map_of_hall(folder: Path) -> Path:
+    """Write a Nav2 map of the hall, by a drive through it; returns its yaml."""
+    sweeps = drive()
+    hits = [sweeps.points(row) for row in range(len(sweeps.world_T_sweep))]
+    level_map = Drawing.of(hits, sweeps.world_T_sweep).level_map()
+    path = folder / "hall.yaml"
+    nav2_map.write(path, GridMap(level_map.occupancy, level_map.cell_m, level_map.origin))
+    return path

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.cli import main
 from pipeline.online.bodies import CDR, points
 from pipeline.online.bridge import connected
-from tests.online.made import packed, scan
+from tests.commands import Command
+from tests.online.made import scan
 
 
 @pytest.fixture
@@ -27,19 +27,10 @@ def endpoint() -> str:
 
 
 @pytest.fixture
-def bridge(endpoint: str, tmp_path: Path) -> Iterator[Callable[..., dict[str, object]]]:
+def bridge(endpoint: str, three_places: Path) -> Iterator[Callable[..., dict[str, object]]]:
     """A function that sends a scan to another process, which connects here, and returns its answer."""
-    words = [
-        sys.executable,
-        "-m",
-        "pipeline.cli",
-        "serve",
-        str(packed(tmp_path)),
-        "--zenoh",
-        endpoint,
-        "--key",
-        "robot",
-    ]
+    options = [str(three_places), "--zenoh", endpoint, "--key", "robot"]
+    words = [sys.executable, "-m", "pipeline.cli", "serve", *options]
     with connected(endpoint, "listen") as session:
         process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
         fixes: queue.Queue[dict[str, object]] = queue.Queue()
@@ -75,11 +66,10 @@ def test_scans_are_answered_by_fixes_and_other_bodies_by_an_error_in_a_line(brid
 
 
 def test_an_endpoint_where_nobody_answers_is_an_error_in_a_line(
-    endpoint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    endpoint: str, three_places: Path, yearloc: Command
 ) -> None:
-    with pytest.raises(SystemExit):
-        main(["serve", str(packed(tmp_path)), "--zenoh", endpoint])
-    assert f"--zenoh {endpoint}: Unable to connect" in capsys.readouterr().err
+    said = yearloc.refused("serve", three_places, "--zenoh", endpoint)
+    assert f"--zenoh {endpoint}: Unable to connect" in said
 
 
 def test_a_body_of_floats_is_decoded_to_points() -> None:

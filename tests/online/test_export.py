@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.core.building import target_of
 from pipeline.core.errors import ConfigError
 from pipeline.core.progress import Progress
 from pipeline.matching.ranking import Rows
@@ -18,7 +19,7 @@ from pipeline.online import site_file
 from pipeline.online.export import Parity, export
 from pipeline.online.site import Site
 from pipeline.views.scan_context import ScanContext
-from tests.online.made import ANCHORS, arrays, described, packed, scan
+from tests.online.made import ANCHORS, arrays, described, scan
 from tests.posing.scene import scene
 from tests.readers.damage import one_line
 
@@ -42,37 +43,30 @@ def learned(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     """A site whose method is a trained network."""
     method: Classifier = request.param(**SETTINGS)
     images = np.stack([ScanContext()(scene(seed)) for seed in range(3)] * 4)
-    model = method.learn(
-        Rows(images, np.arange(12), np.tile(ANCHORS, (4, 1, 1))),
-        np.tile(np.arange(3), 4),
-        Progress(),
-    )
-    target = f"{type(method).__module__}.{type(method).__name__}"
+    views = Rows(images, np.arange(12), np.tile(ANCHORS, (4, 1, 1)))
+    model = method.learn(views, np.tile(np.arange(3), 4), Progress())
+    target = target_of(method)
     path = tmp_path_factory.mktemp("learned") / "three.site"
-    site_file.write(
-        path,
-        site_file.Parts(
-            described(method={"_target_": target, **SETTINGS}), model, arrays()[1], None
-        ),
-    )
+    description = described(method={"_target_": target, **SETTINGS})
+    site_file.write(path, site_file.Parts(description, model, arrays()[1], None))
     return path
 
 
-def test_a_site_answers_without_torch(learned: Path, tmp_path: Path) -> None:
+def assert_answers_without_torch(site: Path, folder: Path) -> None:
+    """Check that a site localises a scan in a process that has no torch."""
     points_m, world_T_robot = scan(2)
-    np.save(tmp_path / "scan.npy", points_m)
-    said = export(learned, tmp_path / "onnx.site")
-    assert "off torch at most, 100% with the same best place" in said
-    words = [
-        sys.executable,
-        "-c",
-        WITHOUT_TORCH,
-        str(tmp_path / "onnx.site"),
-        str(tmp_path / "scan.npy"),
-    ]
+    np.save(folder / "scan.npy", points_m)
+    words = [sys.executable, "-c", WITHOUT_TORCH, str(site), str(folder / "scan.npy")]
     verdict, x, y = subprocess.run(words, capture_output=True, text=True, check=True).stdout.split()
     assert verdict == "accepted"
     np.testing.assert_allclose([float(x), float(y)], world_T_robot[:2, 3], atol=0.1)
+
+
+def test_a_site_answers_without_torch(learned: Path, tmp_path: Path) -> None:
+    points_m, _ = scan(2)
+    said = export(learned, tmp_path / "onnx.site")
+    assert "off torch at most, 100% with the same best place" in said
+    assert_answers_without_torch(tmp_path / "onnx.site", tmp_path)
     ours, theirs = (Site.open(path).rank(points_m) for path in (learned, tmp_path / "onnx.site"))
     np.testing.assert_array_equal(ours.places, theirs.places)
     np.testing.assert_allclose(ours.xy_m, theirs.xy_m)
@@ -98,12 +92,8 @@ def test_a_compact_site_is_a_third_as_large_and_answers_alike(
 def test_a_packed_site_answers_on_one_thread_without_torch_as_with_it(
     learned: Path, tmp_path: Path
 ) -> None:
-    points_m, world_T_robot = scan(2)
-    np.save(tmp_path / "scan.npy", points_m)
-    words = [sys.executable, "-c", WITHOUT_TORCH, str(learned), str(tmp_path / "scan.npy")]
-    verdict, x, y = subprocess.run(words, capture_output=True, text=True, check=True).stdout.split()
-    assert verdict == "accepted"
-    np.testing.assert_allclose([float(x), float(y)], world_T_robot[:2, 3], atol=0.1)
+    points_m, _ = scan(2)
+    assert_answers_without_torch(learned, tmp_path)
     plain, torchs = (Site.open(learned, threads).rank(points_m) for threads in (1, 2))
     np.testing.assert_array_equal(plain.places, torchs.places)
     np.testing.assert_allclose(plain.xy_m, torchs.xy_m)
@@ -139,9 +129,8 @@ def test_the_comparison_with_torch_is_written_beside_the_file(
     assert not (tmp_path / "other.onnx").exists()
 
 
-def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
-    path = packed(tmp_path)
+def test_what_cannot_be_exported_is_refused(three_places: Path, tmp_path: Path) -> None:
     with one_line(ConfigError, "ScanContext50: has no network to export"):
-        export(path, tmp_path / "a.onnx")
+        export(three_places, tmp_path / "a.onnx")
     with one_line(ConfigError, "expected FILE.onnx or FILE.site"):
-        export(path, tmp_path / "a.pth")
+        export(three_places, tmp_path / "a.pth")

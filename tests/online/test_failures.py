@@ -7,22 +7,18 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.cli import main
 from pipeline.evaluation.failures import JudgedFix, failures
 from pipeline.mapping.from_above import MAP_GREY
 from pipeline.online.failures import draw, of_log
 from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.site import Site
-from tests.online.made import packed, scan
+from tests.commands import Command
+from tests.online.made import scan
 from tests.posing.scene import planar
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Site:
-    return Site.open(packed(tmp_path_factory.mktemp("site")))
-
-
-def test_only_wrong_verdicts_are_found_the_worst_first(site: Site, tmp_path: Path) -> None:
+def test_only_wrong_verdicts_are_found_the_worst_first(three_places: Path, tmp_path: Path) -> None:
+    site = Site.open(three_places)
     points_m, world_T_robot = scan()
     taken = Scan("day 1", None, lambda: points_m, NO_POSE, world_T_robot)
     right = site.localize(points_m)
@@ -33,15 +29,8 @@ def test_only_wrong_verdicts_are_found_the_worst_first(site: Site, tmp_path: Pat
     refused = replace(right, verdict="rejected")
     nothing = replace(right, verdict="no pose")
     unknown = replace(taken, world_T_scan=NO_POSE)
-    every = [
-        (taken, right),
-        (taken, wrong),
-        (taken, surer),
-        (taken, refused),
-        (taken, nothing),
-        (unknown, wrong),
-    ]
-    found = failures(of_log(*zip(*every, strict=True)))  # type: ignore[arg-type]
+    fixes = [right, wrong, surer, refused, nothing, wrong]
+    found = failures(of_log([taken] * 5 + [unknown], fixes))
     assert [(one.kind, one.novelty) for one in found] == [
         ("accepted, and wrong", 0.01),
         ("accepted, and wrong", 0.05),
@@ -57,34 +46,19 @@ def test_only_wrong_verdicts_are_found_the_worst_first(site: Site, tmp_path: Pat
     assert grey > 500
 
 
-def test_scans_without_truth_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_a_log_with_true_poses_is_needed(
+    three_places: Path, tmp_path: Path, yearloc: Command
 ) -> None:
     np.save(tmp_path / "1.npy", scan()[0])
-    words = [str(packed(tmp_path)), str(tmp_path / "1.npy"), "-o", str(tmp_path / "cards")]
-    with pytest.raises(SystemExit):
-        main(["failures", *words])
-    assert "no scan with a true pose" in capsys.readouterr().err
-
-
-def test_a_site_needs_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["failures", str(packed(tmp_path)), "-o", str(tmp_path / "cards")])
-    assert "say which log" in capsys.readouterr().err
+    words = ("failures", three_places, "-o", tmp_path / "cards")
+    assert "no scan with a true pose" in yearloc.refused(*words, tmp_path / "1.npy")
+    assert "say which log" in yearloc.refused(*words)
 
 
 def test_a_level_pose_is_right_within_limits_of_its_own() -> None:
     """Right is within 1 m and 10° for a level sweep, within 2 m and 5° for a 3-D scan."""
-    level = JudgedFix(
-        "sweep",
-        lambda: np.zeros((0, 3)),
-        planar(1.5, 0, 0),
-        planar(0, 0, 0),
-        True,
-        0.9,
-        0.01,
-        (1.0, 10.0),
-    )
+    poses = planar(1.5, 0, 0), planar(0, 0, 0)
+    level = JudgedFix("sweep", lambda: np.zeros((0, 3)), *poses, True, 0.9, 0.01, (1.0, 10.0))
     assert level.fails
     assert not replace(level, accepted=False).fails
     turned = replace(level, world_T_found=planar(0.5, 0, 8))

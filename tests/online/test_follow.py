@@ -7,12 +7,12 @@ from threading import Thread
 import numpy as np
 import pytest
 
-from pipeline.cli import main
 from pipeline.core.errors import LogError
 from pipeline.formats.bag import BagWriter
 from pipeline.online.follow import Following
 from pipeline.online.odometry import Newest
-from tests.online.made import packed, scan
+from tests.commands import Command
+from tests.online.made import scan
 from tests.posing.scene import planar, seen_from
 from tests.readers.bags import BODY_T_LIDAR, START_NS, cloud
 
@@ -63,14 +63,14 @@ def test_every_cloud_is_handed_out_or_counted_as_dropped(recorded: bytes, tmp_pa
 
 
 def test_the_command_follows_a_recording(
-    recorded: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    recorded: bytes, three_places: Path, tmp_path: Path, yearloc: Command
 ) -> None:
     thread = record(tmp_path / "day.mcap", recorded, 1.0)
-    main(["localize", str(packed(tmp_path)), str(tmp_path / "day.mcap"), "--follow", "--idle", "1"])
+    words = ("localize", three_places, tmp_path / "day.mcap", "--follow", "--idle", 1)
+    fixes, summary = yearloc.run(*words)
     thread.join()
-    told = capsys.readouterr()
-    assert told.out.count(" accepted ") >= 1
-    assert " 0 rejected, 0 no pose" in told.err
+    assert fixes.count(" accepted ") >= 1
+    assert " 0 rejected, 0 no pose" in summary
 
 
 @pytest.mark.parametrize("odometry", ["/wheels", "tf:odom>base_link"])

@@ -13,13 +13,11 @@ from pipeline.cli import main
 from pipeline.core import schemas, store
 from pipeline.core.errors import ArtifactError, InputError
 from pipeline.core.progress import Progress
-from pipeline.formats import nav2_map
 from pipeline.formats.bag import CLOUD, BagWriter
 from pipeline.formats.bag_file import BagFile
-from pipeline.formats.nav2_map import GridMap
 from pipeline.formats.pointcloud2 import decode
 from pipeline.level.held_out import Sweeps
-from pipeline.level.level_map import Drawing, LevelMap
+from pipeline.level.level_map import LevelMap
 from pipeline.level.verdict import OF_SWEEPS
 from pipeline.online.description import describe
 from pipeline.online.level_pack import CARMEN, pack_sweeps
@@ -27,8 +25,8 @@ from pipeline.online.level_site import LevelSite
 from pipeline.online.site import NO_LIMITS, Site
 from pipeline.online.tracking import Tracker
 from pipeline.report.figures.level_plan import Plan
-from tests.level.hall import drive, sweep
-from tests.online.made import packed
+from tests.commands import Command
+from tests.level.hall import drive, map_of_hall, sweep
 from tests.posing.scene import scene
 from tests.readers.logs import flaser
 from tests.views.made import artifacts
@@ -37,12 +35,7 @@ from tests.views.made import artifacts
 @pytest.fixture(scope="module")
 def hall_yaml(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A Nav2 map of the hall, by a drive through it."""
-    sweeps = drive()
-    hits = [sweeps.points(row) for row in range(len(sweeps.world_T_sweep))]
-    level_map = Drawing.of(hits, sweeps.world_T_sweep).level_map()
-    path = tmp_path_factory.mktemp("hall") / "hall.yaml"
-    nav2_map.write(path, GridMap(level_map.occupancy, level_map.cell_m, level_map.origin))
-    return path
+    return map_of_hall(tmp_path_factory.mktemp("hall"))
 
 
 @pytest.fixture(scope="module")
@@ -51,15 +44,6 @@ def hall(hall_yaml: Path) -> Path:
     out = hall_yaml.with_name("hall.site")
     main(["pack", "--map", str(hall_yaml), "-o", str(out)])
     return out
-
-
-def refused(capsys: pytest.CaptureFixture[str], *words: object) -> str:
-    """Run a command that must fail; returns its last line of standard error."""
-    with pytest.raises(SystemExit) as stop:
-        main(list(map(str, words)))
-    assert stop.value.code == 1
-    *_, line = capsys.readouterr().err.splitlines()
-    return line
 
 
 def test_a_sweep_is_localised_in_the_site_of_a_map(hall: Path) -> None:
@@ -105,12 +89,11 @@ def hall_log(folder: Path) -> Path:
 
 @pytest.mark.parametrize("track", [[], ["--track"]])
 def test_the_sweeps_of_a_log_are_gathered_and_localised(
-    hall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], track: list[str]
+    hall: Path, tmp_path: Path, yearloc: Command, track: list[str]
 ) -> None:
     log = hall_log(tmp_path)
-    main(["localize", str(hall), str(log), "--json", "--promise", "0.95", *track])
-    output = capsys.readouterr()
-    rows = [json.loads(line) for line in output.out.splitlines()]
+    lines, summary = yearloc.run("localize", hall, log, "--json", "--promise", 0.95, *track)
+    rows = [json.loads(line) for line in lines.splitlines()]
     truth = drive(seed=9).world_T_sweep
     accepted = [number for number, row in enumerate(rows) if row["verdict"] == "accepted"]
     assert len(rows) == 25
@@ -120,23 +103,22 @@ def test_the_sweeps_of_a_log_are_gathered_and_localised(
             rows[number]["x"] - truth[number][0, 3], rows[number]["y"] - truth[number][1, 3]
         )
         assert away < 0.3
-    assert "0 are over 1 m or 10° off" in output.err
+    assert "0 are over 1 m or 10° off" in summary
 
 
 def test_a_drive_is_recorded_for_both_viewers_and_drawn_in_the_plan_of_the_building(
-    hall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    hall: Path, tmp_path: Path, yearloc: Command
 ) -> None:
     log = hall_log(tmp_path)
-    words = ["watch", str(hall), str(log), "--promise", "0.95", "--every", "5", "--save"]
-    main([*words, str(tmp_path / "drive.rrd")])
+    words = ("watch", hall, log, "--promise", 0.95, "--every", 5, "--save")
+    yearloc.run(*words, tmp_path / "drive.rrd")
     assert b"world/map" in (tmp_path / "drive.rrd").read_bytes()
-    main([*words, str(tmp_path / "drive.mcap")])
+    yearloc.run(*words, tmp_path / "drive.mcap")
     bag = BagFile(tmp_path / "drive.mcap")
     (_, walls) = next(iter(bag.messages("/map")))
     assert len(decode(bag.decode(walls, CLOUD))) == len(Site.open(hall).walls_m)
-    capsys.readouterr()
-    main(["picture", str(hall), str(log), "-o", str(tmp_path / "found.gif"), "--promise", "0.95"])
-    assert "found.gif: hall: hall.log: 2" in capsys.readouterr().out
+    said, _ = yearloc.run("picture", hall, log, "-o", tmp_path / "found.gif", "--promise", 0.95)
+    assert "found.gif: hall: hall.log: 2" in said
     with Image.open(tmp_path / "found.gif") as picture:
         assert picture.n_frames == 25
         assert picture.width == 800
@@ -172,22 +154,21 @@ def test_the_plan_of_a_building_that_is_longer_in_y_is_turned(hall: Path) -> Non
 
 
 def test_a_picture_of_a_site_needs_a_level_one_and_a_log(
-    hall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    hall: Path, three_places: Path, tmp_path: Path, yearloc: Command
 ) -> None:
     out = tmp_path / "found.gif"
-    assert "a site of 3-D scans" in refused(capsys, "picture", packed(tmp_path), "x", "-o", out)
-    assert "expected a log or a bag" in refused(capsys, "picture", hall, "-o", out)
+    assert "a site of 3-D scans" in yearloc.refused("picture", three_places, "x", "-o", out)
+    assert "expected a log or a bag" in yearloc.refused("picture", hall, "-o", out)
 
 
 def test_the_laser_scans_of_a_bag_are_localised(
-    hall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    hall: Path, tmp_path: Path, yearloc: Command
 ) -> None:
     hits = sweep(16.0, 6.0, 2.0, beams=181)
     with BagWriter(tmp_path / "drive.bag", "ros1") as bag:
         ranges_m = np.linalg.norm(hits, axis=1)
         bag.laser_scan(10**9, "laser", ranges_m, -np.pi / 2, np.pi / 180, 0.1, 30.0)
-    main(["localize", str(hall), str(tmp_path / "drive.bag"), "--json", "--promise", "0.95"])
-    (line,) = capsys.readouterr().out.splitlines()
+    line, _ = yearloc.run("localize", hall, tmp_path / "drive.bag", "--json", "--promise", 0.95)
     row = json.loads(line)
     assert row["verdict"] == "accepted"
     assert np.hypot(row["x"] - 16, row["y"] - 6) < 0.1
@@ -227,17 +208,17 @@ def test_a_level_track_starts_only_from_a_fix_that_its_own_sweeps_accept(hall: P
 
 
 def test_scans_and_commands_of_the_other_kind_of_site_are_refused_in_a_line(
-    hall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    hall: Path, three_places: Path, tmp_path: Path, yearloc: Command
 ) -> None:
     with pytest.raises(InputError, match="a 3-D scan, its points lie over"):
         Site.open(hall).localize(scene(0))
     flat = np.column_stack([sweep(16.0, 6.0, 2.0), np.zeros(180)])
     with pytest.raises(InputError, match="a level sweep, all in one plane"):
-        Site.open(packed(tmp_path)).localize(flat)
+        Site.open(three_places).localize(flat)
     with pytest.raises(InputError, match="expected numbers"):
         Site.open(hall).localize(np.zeros(7))
-    assert "a level site, of a 2-D laser" in refused(capsys, "failures", hall, tmp_path)
-    assert "--follow" in refused(capsys, "localize", hall, "x.mcap", "--follow")
+    assert "a level site, of a 2-D laser" in yearloc.refused("failures", hall, tmp_path)
+    assert "--follow" in yearloc.refused("localize", hall, "x.mcap", "--follow")
     with pytest.raises(ArtifactError, match="a level site"):
         Site.open(hall, level=False)
 
@@ -250,18 +231,13 @@ def test_scans_and_commands_of_the_other_kind_of_site_are_refused_in_a_line(
     ],
 )
 def test_a_map_that_cannot_be_packed_is_refused_in_a_line(
-    hall_yaml: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    old: str,
-    new: str,
-    message: str,
+    hall_yaml: Path, tmp_path: Path, yearloc: Command, old: str, new: str, message: str
 ) -> None:
     text = hall_yaml.read_text()
     assert old in text
     (tmp_path / "hall.pgm").write_bytes(hall_yaml.with_suffix(".pgm").read_bytes())
     (tmp_path / "hall.yaml").write_text(text.replace(old, new))
-    line = refused(capsys, "pack", "--map", tmp_path / "hall.yaml", "-o", tmp_path / "hall.site")
+    line = yearloc.refused("pack", "--map", tmp_path / "hall.yaml", "-o", tmp_path / "hall.site")
     assert message in line
     assert not (tmp_path / "hall.site").exists()
 
@@ -332,9 +308,7 @@ def test_no_pose_of_another_building_s_sweeps_is_accepted(hall: Path) -> None:
         assert fix.verdict != "accepted"
 
 
-def test_a_training_day_of_level_sweeps_is_packed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_training_day_of_level_sweeps_is_packed(tmp_path: Path, yearloc: Command) -> None:
     sweeps = drive(step_m=1.0)
     flat = [
         np.column_stack([sweeps.points(row), np.full(len(sweeps.points(row)), 7.0)])
@@ -350,5 +324,4 @@ def test_a_training_day_of_level_sweeps_is_packed(
     place = (16.0, 6.0, 2.0)
     fix = site.localize(sweep(*place), promise=None)
     assert np.linalg.norm(fix.world_T_sensor[:2, 3] - place[:2]) < 0.06
-    main(["inspect", str(out)])
-    assert "level site hall/10m/sci, of a simulated world" in capsys.readouterr().out
+    assert "level site hall/10m/sci, of a simulated world" in yearloc.run("inspect", out)[0]

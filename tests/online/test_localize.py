@@ -17,32 +17,18 @@ from pipeline.formats.bag_file import BagFile
 from pipeline.inspection.report import inspect
 from pipeline.online.outputs import COLUMNS
 from pipeline.online.tilt import lean
-from tests.online.made import packed, scan
+from tests.commands import Command
+from tests.online.made import scan
 from tests.posing.scene import planar, scene, seen_from
+from tests.readers.bags import BODY_T_LIDAR, cloud
 
 UTIME = 1_326_652_795_280_148
-BODY_T_LIDAR = pose(np.array([[0.5, 0.0, 1.5]]), np.array([[0.0, 0.0, np.pi / 2]]))[0]
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> str:
-    return str(packed(tmp_path_factory.mktemp("site")))
-
-
-def run(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[str, str]:
-    """Run `yearloc localize`; returns what it prints on standard output and on standard error."""
-    main(["localize", *map(str, words)])
-    told = capsys.readouterr()
-    return told.out, told.err
-
-
-def refused(capsys: pytest.CaptureFixture[str], *words: object) -> str:
-    """Run `yearloc localize`, which must fail; returns its last line of standard error."""
-    with pytest.raises(SystemExit) as stop:
-        main(["localize", *map(str, words)])
-    assert stop.value.code == 1
-    *_, line = capsys.readouterr().err.splitlines()
-    return line
+@pytest.fixture
+def localize(three_places: Path, capsys: pytest.CaptureFixture[str]) -> Command:
+    """`yearloc localize` by the site of three places."""
+    return Command(capsys, ("localize", three_places))
 
 
 def floats(folder: Path, name: str = f"{UTIME}.bin") -> Path:
@@ -54,29 +40,37 @@ def floats(folder: Path, name: str = f"{UTIME}.bin") -> Path:
     return path
 
 
+def driven(path: Path, *odom_T_scans: np.ndarray, from_ns: int = 0) -> Path:
+    """A bag of one scan again and again, a tenth of a second apart, with these poses by odometry."""
+    points_m, _ = scan()
+    with BagWriter(path, "mcap") as bag:
+        for i, odom_T_scan in enumerate(odom_T_scans):
+            stamp_ns = UTIME * 1000 + from_ns + i * 10**8
+            for around_ns in (-(10**7), 10**7):
+                bag.odometry(stamp_ns + around_ns, "odom", "base_link", odom_T_scan, "/wheels")
+            cloud(bag, stamp_ns, "base_link", points_m)
+    return path
+
+
 def near(found: dict[str, float]) -> bool:
     """Whether a fix is at the true pose of `scan()`."""
     x_m, y_m = scan()[1][:2, 3]
     return bool(np.hypot(found["x"] - x_m, found["y"] - y_m) < 0.1)
 
 
-def test_a_fix_is_printed_as_a_line_or_as_json(
-    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    line, told = run(capsys, site, floats(tmp_path))
+def test_a_fix_is_printed_as_a_line_or_as_json(localize: Command, tmp_path: Path) -> None:
+    line, told = localize.run(floats(tmp_path))
     assert line.startswith(f"{UTIME}.bin")
     assert " accepted " in line
     assert "1 scan: 1 accepted, 0 near, 0 ambiguous, 0 rejected, 0 no pose" in told
-    found = json.loads(run(capsys, site, tmp_path, "--json")[0])
+    found = json.loads(localize.run(tmp_path, "--json")[0])
     assert list(found) == [*COLUMNS, "covariance", "runners_up"]
     assert near(found)
     assert found["stamp"] == UTIME / 1e6
     assert np.array(found["covariance"]).shape == (6, 6)
 
 
-def test_scan_files_of_every_format_are_read(
-    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_scan_files_of_every_format_are_read(localize: Command, tmp_path: Path) -> None:
     points_m, _ = scan()
     np.save(tmp_path / "1.npy", points_m.astype(np.float32))
     near_m = points_m[(np.abs(points_m) < 90).all(axis=1)]
@@ -88,171 +82,106 @@ def test_scan_files_of_every_format_are_read(
     (tmp_path / "3.pcd").write_bytes(
         head.encode() + b"DATA binary\n" + points_m.astype("<f4").tobytes()
     )
-    lines = run(capsys, site, tmp_path, "--json")[0].splitlines()
+    lines = localize.run(tmp_path, "--json")[0].splitlines()
     assert [json.loads(line)["name"] for line in lines] == ["1.npy", "2.bin", "3.pcd"]
     assert all(near(json.loads(line)) and json.loads(line)["stamp"] is None for line in lines)
 
 
 def test_a_scan_is_read_from_standard_input(
-    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    localize: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(floats(tmp_path).read_bytes())))
-    assert near(json.loads(run(capsys, site, "-", "--json")[0]))
+    assert near(json.loads(localize.run("-", "--json")[0]))
 
 
 @pytest.mark.parametrize("kind", ["ros1", "mcap"])
 def test_the_points_of_a_bag_are_placed_by_its_transforms(
-    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
+    localize: Command, tmp_path: Path, kind: str
 ) -> None:
     path = tmp_path / ("day.bag" if kind == "ros1" else "day")
-    points_m = seen_from(scan()[0], BODY_T_LIDAR).astype(np.float32)
+    points_m = seen_from(scan()[0], BODY_T_LIDAR)
     with BagWriter(path, kind) as bag:
         bag.static_transform(UTIME * 1000, "base_link", "lidar", BODY_T_LIDAR)
         for i in range(2):
-            bag.points(
-                UTIME * 1000 + i * 10**8,
-                "lidar",
-                points_m,
-                np.ones(len(points_m)),
-                np.zeros(len(points_m), int),
-            )
-    first, second = map(json.loads, run(capsys, site, path, "--json")[0].splitlines())
+            cloud(bag, UTIME * 1000 + i * 10**8, "lidar", points_m)
+    first, second = map(json.loads, localize.run(path, "--json")[0].splitlines())
     assert near(first)
     assert near(second)
     assert second["stamp"] - first["stamp"] == pytest.approx(0.1, abs=1e-6)
-    assert "--topic /other: " in refused(capsys, site, path, "--topic", "/other")
+    assert "--topic /other: " in localize.refused(path, "--topic", "/other")
 
 
-def test_a_bag_is_followed_by_its_odometry(
-    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    points_m = scan()[0].astype(np.float32)
-    path = tmp_path / "day"
-    with BagWriter(path, "mcap") as bag:
-        for i in range(3):
-            stamp_ns = UTIME * 1000 + i * 10**8
-            bag.odometry(stamp_ns - 10**7, "odom", "base_link", planar(5, i, 0), "/wheels")
-            bag.odometry(stamp_ns + 10**7, "odom", "base_link", planar(5, i, 0), "/wheels")
-            bag.points(
-                stamp_ns,
-                "base_link",
-                points_m,
-                np.ones(len(points_m)),
-                np.zeros(len(points_m), int),
-            )
-    told = run(capsys, site, path, "--track", "--odometry", "/wheels")[1]
+def test_a_bag_is_followed_by_its_odometry(localize: Command, tmp_path: Path) -> None:
+    path = driven(tmp_path / "day", *(planar(5, i, 0) for i in range(3)))
+    told = localize.run(path, "--track", "--odometry", "/wheels")[1]
     assert "followed by odometry over 2 steps, by constant motion over 1" in told
     assert "the site is simulated" in told
-    assert "by constant motion over 3" in run(capsys, site, path, "--track")[1]
+    assert "by constant motion over 3" in localize.run(path, "--track")[1]
     kept = tmp_path / "kept.csv"
     kept.write_text("of before")
-    assert "--odometry /feet: " in refused(
-        capsys, site, path, "--track", "--odometry", "/feet", "--csv", "-o", kept
+    assert "--odometry /feet: " in localize.refused(
+        path, "--track", "--odometry", "/feet", "--csv", "-o", kept
     )
     assert kept.read_text() == "of before"
-    assert "needs --track" in refused(capsys, site, path, "--odometry", "/wheels")
+    assert "needs --track" in localize.refused(path, "--odometry", "/wheels")
 
 
 @pytest.mark.parametrize("command", ["localize", "watch"])
 def test_clouds_that_a_bag_leaves_out_are_counted(
-    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+    three_places: Path, tmp_path: Path, yearloc: Command, command: str
 ) -> None:
     """Its driver stamps in whole seconds: three of five clouds repeat the stamp of an earlier one."""
-    points_m = scan()[0].astype(np.float32)
+    points_m, _ = scan()
     with BagWriter(tmp_path / "day", "mcap") as bag:
         for i in range(5):
-            bag.points(
-                (1000 + i // 3) * 10**9,
-                "base_link",
-                points_m,
-                np.ones(len(points_m)),
-                np.zeros(len(points_m), int),
-            )
-    words = [command, site, str(tmp_path / "day")]
-    if command == "watch":
-        words += ["--save", str(tmp_path / "a.mcap")]
-    main(words)
-    told = capsys.readouterr().err
+            cloud(bag, (1000 + i // 3) * 10**9, "base_link", points_m)
+    options = ["--save", tmp_path / "a.mcap"] if command == "watch" else []
+    _, told = yearloc.run(command, three_places, tmp_path / "day", *options)
     assert "2 scans: 2 accepted" in told
     assert "3 more were left out: stamp of an earlier one (3)" in told
 
 
-def driven(folder: Path, name: str, from_ns: int, odom_T_start: np.ndarray) -> Path:
-    """A bag of three scans a tenth of a second apart; by odometry the robot stands at one pose."""
-    points_m = scan()[0].astype(np.float32)
-    with BagWriter(folder / name, "mcap") as bag:
-        for i in range(3):
-            stamp_ns = UTIME * 1000 + from_ns + i * 10**8
-            for around_ns in (-(10**7), 10**7):
-                bag.odometry(stamp_ns + around_ns, "odom", "base_link", odom_T_start, "/wheels")
-            bag.points(
-                stamp_ns,
-                "base_link",
-                points_m,
-                np.ones(len(points_m)),
-                np.zeros(len(points_m), int),
-            )
-    return folder / name
-
-
-def test_the_odometry_of_another_recording_starts_anew(
-    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    first = driven(tmp_path / "days", "a", 0, planar(5, 0, 0))
-    onwards = driven(tmp_path, "b", 3 * 10**8, planar(5, 0, 0))
-    later = driven(tmp_path / "days", "c", 10**12, planar(90, 0, 180))
+def test_the_odometry_of_another_recording_starts_anew(localize: Command, tmp_path: Path) -> None:
+    first = driven(tmp_path / "days/a", *[planar(5, 0, 0)] * 3)
+    onwards = driven(tmp_path / "b", *[planar(5, 0, 0)] * 3, from_ns=3 * 10**8)
+    later = driven(tmp_path / "days/c", *[planar(90, 0, 180)] * 3, from_ns=10**12)
     track = ("--track", "--odometry", "/wheels")
     two_drives = "by odometry over 4 steps, by constant motion over 2"
-    told = run(capsys, site, first, later, *track)[1]
+    told = localize.run(first, later, *track)[1]
     assert "6 accepted" in told
     assert two_drives in told
-    assert two_drives in run(capsys, site, tmp_path / "days", *track)[1]
+    assert two_drives in localize.run(tmp_path / "days", *track)[1]
     # one drive, in two files
-    told = run(capsys, site, first, onwards, *track)[1]
+    told = localize.run(first, onwards, *track)[1]
     assert "by odometry over 5 steps, by constant motion over 1" in told
 
 
-def test_odometry_that_jumps_gives_no_step_there(
-    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_odometry_that_jumps_gives_no_step_there(localize: Command, tmp_path: Path) -> None:
     """A robot stands for nine scans, and its odometry jumps by 85 m at the fifth."""
-    points_m = scan()[0].astype(np.float32)
-    with BagWriter(tmp_path / "day", "mcap") as bag:
-        for i in range(9):
-            stamp_ns = UTIME * 1000 + i * 10**8
-            bag.odometry(stamp_ns, "odom", "base_link", planar(5 if i < 4 else 90, 0, 0), "/wheels")
-            bag.points(
-                stamp_ns,
-                "base_link",
-                points_m,
-                np.ones(len(points_m)),
-                np.zeros(len(points_m), int),
-            )
-    told = run(capsys, site, tmp_path / "day", "--track", "--odometry", "/wheels")[1]
+    path = driven(tmp_path / "day", *(planar(5 if i < 4 else 90, 0, 0) for i in range(9)))
+    told = localize.run(path, "--track", "--odometry", "/wheels")[1]
     assert "9 accepted" in told
     # no step leads to the first scan, nor to the fifth, nor on from it
     assert "by odometry over 6 steps, by constant motion over 3" in told
 
 
-def test_fixes_are_written_as_csv_tum_and_mcap(
-    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_fixes_are_written_as_csv_tum_and_mcap(localize: Command, tmp_path: Path) -> None:
     path = floats(tmp_path)
     np.save(tmp_path / "2.npy", np.ones((20, 3), np.float32))  # has no pose
-    header, *rows = run(capsys, site, tmp_path, "--csv")[0].splitlines()
+    header, *rows = localize.run(tmp_path, "--csv")[0].splitlines()
     assert header.split(",") == list(COLUMNS)
     assert len(rows) == 2
-    run(capsys, site, path, "--tum", "-o", tmp_path / "poses.txt")
+    localize.run(path, "--tum", "-o", tmp_path / "poses.txt")
     stamp, *numbers = (tmp_path / "poses.txt").read_text().split()
     assert stamp == "1326652795.280148000"
     assert len(numbers) == 7
     assert "TUM trajectory" in inspect(tmp_path / "poses.txt").headline
-    run(capsys, site, path, "--mcap", "-o", tmp_path / "fixes.mcap")
+    localize.run(path, "--mcap", "-o", tmp_path / "fixes.mcap")
     bag = BagFile(tmp_path / "fixes.mcap")
     assert (bag.topics["/fix"].kind, bag.topics["/fix"].count) == (POSE_COVARIANCE, 1)
     message = bag.decode(bag.first("/fix") or b"", POSE_COVARIANCE)
     assert near({"x": message.pose.pose.position.x, "y": message.pose.pose.position.y})
-    assert "--mcap: expected -o FILE.mcap" in refused(capsys, site, path, "--mcap")
+    assert "--mcap: expected -o FILE.mcap" in localize.refused(path, "--mcap")
 
 
 @pytest.mark.parametrize(
@@ -264,7 +193,7 @@ def test_fixes_are_written_as_csv_tum_and_mcap(
     ],
 )
 def test_an_interrupted_command_leaves_an_older_file_as_it_was(
-    site: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], name: str
+    three_places: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], name: str
 ) -> None:
     out = tmp_path / name
     out.write_text("of before")
@@ -275,37 +204,37 @@ def test_an_interrupted_command_leaves_an_older_file_as_it_was(
 
     monkeypatch.setattr(replacing, "_fsync", cut)
     with pytest.raises(SystemExit):
-        main([words[0], site, scan_file, *words[1:], str(out)])
+        main([words[0], str(three_places), scan_file, *words[1:], str(out)])
     assert out.read_text() == "of before"
 
 
 def test_a_broken_scan_among_others_is_passed_over_and_counted(
-    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    localize: Command, tmp_path: Path
 ) -> None:
     floats(tmp_path)
     (tmp_path / "2.npy").write_bytes(b"\x93NUMPY")
     assert (
         f"1 could not be read, the first: {tmp_path}/2.npy: no whole .npy"
-        in run(capsys, site, tmp_path)[1]
+        in localize.run(tmp_path)[1]
     )
-    assert "no whole .npy file" in refused(capsys, site, tmp_path / "2.npy")
+    assert "no whole .npy file" in localize.refused(tmp_path / "2.npy")
 
 
 def test_a_sensor_at_another_height_is_reported_with_how_to_raise_its_points(
-    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    localize: Command, tmp_path: Path
 ) -> None:
     points_m, _ = scan()
     np.save(tmp_path / "1.npy", points_m - (0, 0, 1.73))
-    told = run(capsys, site, tmp_path / "1.npy")[1]
+    told = localize.run(tmp_path / "1.npy")[1]
     assert "unlike the scans that the site was learned with: the ground lies at z = -1.7" in told
     assert "--lift 1.7" in told
     # whatever was given, the whole lift is named
-    assert "with --lift 1.7" in run(capsys, site, tmp_path / "1.npy", "--lift", 3.0)[1]
-    assert near(json.loads(run(capsys, site, tmp_path / "1.npy", "--lift", 1.73, "--json")[0]))
+    assert "with --lift 1.7" in localize.run(tmp_path / "1.npy", "--lift", 3.0)[1]
+    assert near(json.loads(localize.run(tmp_path / "1.npy", "--lift", 1.73, "--json")[0]))
 
 
 def test_a_log_of_the_sites_data_set_is_raised_by_its_reader_only(
-    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    localize: Command, tmp_path: Path
 ) -> None:
     points_m = scan()[0] - (0, 0, 1.73)
     near_m = points_m[(np.abs(points_m) < 90).all(axis=1)]
@@ -314,12 +243,12 @@ def test_a_log_of_the_sites_data_set_is_raised_by_its_reader_only(
     (tmp_path / f"day/velodyne_sync/{UTIME}.bin").write_bytes(data)
     poses = [f"{UTIME + late},0,0,0,0,0,0\n" for late in (-100_000, 100_000)]
     (tmp_path / "day/groundtruth_day.csv").write_text("".join(poses))
-    said = refused(capsys, site, tmp_path / "day", "--lift", 1.73)
+    said = localize.refused(tmp_path / "day", "--lift", 1.73)
     assert (
         f"--lift 1.73: {tmp_path}/day is a log of the site's data set, whose reader raises its "
         "points" in said
     )
-    told = run(capsys, site, tmp_path / "day")[1]
+    told = localize.run(tmp_path / "day")[1]
     assert "not 0: it would with +1.72 m more of reader.lift_m" in told
 
 
@@ -337,18 +266,13 @@ def test_a_log_of_the_sites_data_set_is_raised_by_its_reader_only(
     ],
 )
 def test_a_scan_that_leans_is_reported_with_how_to_turn_it(
-    site: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    rpy_deg: tuple[float, ...],
-    says: str,
-    turn: str,
+    localize: Command, tmp_path: Path, rpy_deg: tuple[float, ...], says: str, turn: str
 ) -> None:
     """A lidar is mounted 1.5 m over the ground, turned by roll, pitch and yaw."""
     lidar_T_level = pose(np.zeros((1, 3)), np.radians([rpy_deg]))[0]
     points_m = (scan()[0] - (0, 0, 1.5)) @ lidar_T_level[:3, :3].T
     np.save(tmp_path / "1.npy", points_m)
-    told = run(capsys, site, tmp_path / "1.npy")[1]
+    told = localize.run(tmp_path / "1.npy")[1]
     assert says in told
     assert "the ground lies" not in told
     (option,) = [word for word in told.split() if word.startswith("--body-T-lidar=")]
@@ -357,7 +281,7 @@ def test_a_scan_that_leans_is_reported_with_how_to_turn_it(
     off_deg = (given_deg[3:] - wanted_deg + 180) % 360 - 180
     assert np.abs(off_deg).max() < 1
     assert given_deg[2] == pytest.approx(1.5, abs=0.1)
-    line, told = run(capsys, site, tmp_path / "1.npy", option, "--json")
+    line, told = localize.run(tmp_path / "1.npy", option, "--json")
     assert json.loads(line)["verdict"] == "accepted"
     assert "upright" not in told
 
@@ -391,28 +315,23 @@ def test_level_scans_of_other_places_do_not_lean() -> None:
     ],
 )
 def test_wrong_arguments_are_refused_in_a_line(
-    site: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    words: list[str],
-    says: str,
+    localize: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], says: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
     if words[0] == "1.bin":
         floats(tmp_path, "1.bin")
-    assert says in refused(capsys, site, *([tmp_path / "empty"] if words == ["."] else words))
+    assert says in localize.refused(*([tmp_path / "empty"] if words == ["."] else words))
 
 
 def test_the_lines_of_the_tutorial_run(
-    site: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    localize: Command, three_places: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("campus.site").symlink_to(site)
+    Path("campus.site").symlink_to(three_places)
     np.save("scan.npy", scan()[0])
     page = (Path(__file__).parents[2] / "docs/tutorials/robot.md").read_text()
     exec(page.partition("```python\n")[2].partition("```")[0], {})
-    printed = capsys.readouterr().out
-    fix = json.loads(run(capsys, site, "scan.npy", "--json")[0])
+    printed = localize.capsys.readouterr().out
+    fix = json.loads(localize.run("scan.npy", "--json")[0])
     assert printed.startswith(f"{fix['place']} [[")

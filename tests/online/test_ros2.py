@@ -11,16 +11,14 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 
-from pipeline.formats import nav2_map
 from pipeline.formats.bag import CLOUD, ODOMETRY, BagWriter
 from pipeline.formats.bag_file import BagFile
-from pipeline.formats.nav2_map import GridMap
-from pipeline.level.level_map import Drawing
 from pipeline.online.level_pack import pack_map
 from pipeline.online.site import Site
-from tests.level.hall import drive, sweep
-from tests.online.made import ANCHORS, packed, scan
+from tests.level.hall import map_of_hall, sweep
+from tests.online.made import ANCHORS, scan
 from tests.posing.scene import planar, scene, seen_from
+from tests.readers.bags import cloud
 
 NODE = Path(__file__).parents[2] / "examples/ros2/localizer.py"
 START_NS = 1_700_000_000_250_000_000
@@ -37,11 +35,6 @@ def example() -> ModuleType:
     return module
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return packed(tmp_path_factory.mktemp("site"))
-
-
 def sent(folder: Path, *clouds: np.ndarray) -> tuple[list[Any], list[Any]]:
     """The messages of clouds, one a second, and of odometry, as ROS delivers them.
 
@@ -51,20 +44,9 @@ def sent(folder: Path, *clouds: np.ndarray) -> tuple[list[Any], list[Any]]:
         for i, points_m in enumerate(clouds):
             time_ns = START_NS + i * 10**9
             for around_ns in (-(10**8), 10**8):
-                bag.odometry(
-                    time_ns + around_ns,
-                    "odom",
-                    "base_link",
-                    planar(7 + i + around_ns / 1e9, 0, 0),
-                    "/wheels",
-                )
-            bag.points(
-                time_ns,
-                "lidar",
-                points_m.astype(np.float32),
-                np.ones(len(points_m)),
-                np.zeros(len(points_m), int),
-            )
+                odom_T_robot = planar(7 + i + around_ns / 1e9, 0, 0)
+                bag.odometry(time_ns + around_ns, "odom", "base_link", odom_T_robot, "/wheels")
+            cloud(bag, time_ns, "lidar", points_m)
     file = BagFile(folder)
     return (
         [file.decode(data, CLOUD) for _, data in file.messages("/points")],
@@ -100,9 +82,9 @@ def faked(
 
 
 def test_only_an_accepted_cloud_becomes_a_pose(
-    example: ModuleType, site: Path, tmp_path: Path
+    example: ModuleType, three_places: Path, tmp_path: Path
 ) -> None:
-    node = example.Localizer(Site.open(site))
+    node = example.Localizer(Site.open(three_places))
     elsewhere, here = map(node.pose, sent(tmp_path / "day", scene(7), scan()[0])[0])
     assert elsewhere is None
     np.testing.assert_allclose(here.map_T_body, scan()[1], atol=0.1)
@@ -111,10 +93,10 @@ def test_only_an_accepted_cloud_becomes_a_pose(
 
 
 def test_the_odometrys_frame_is_located_in_the_map(
-    example: ModuleType, site: Path, tmp_path: Path
+    example: ModuleType, three_places: Path, tmp_path: Path
 ) -> None:
     """At the second cloud, 1 m farther on, odometry is at x = 8 m, so it began 8 m behind the robot."""
-    node = example.Localizer(Site.open(site), body_T_lidar="0,0,1.5,180,0,0")
+    node = example.Localizer(Site.open(three_places), body_T_lidar="0,0,1.5,180,0,0")
     mounted = [seen_from(scene(1), planar(x_m, 0, 0)) * (1, -1, -1) + (0, 0, 1.5) for x_m in (0, 1)]
     clouds, odometry = sent(tmp_path / "day", *mounted)
     for message in odometry:
@@ -125,9 +107,9 @@ def test_the_odometrys_frame_is_located_in_the_map(
 
 
 def test_the_node_copies_the_stamp_and_broadcasts_where_the_odometrys_frame_is(
-    example: ModuleType, site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    example: ModuleType, three_places: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fakes = faked(monkeypatch, site, odometry="/wheels", tf=True)
+    fakes = faked(monkeypatch, three_places, odometry="/wheels", tf=True)
     node = fakes["rclpy.node"].Node.return_value
     example.main()
     (_, _, arrived, _), (_, topic, moved, _) = (
@@ -156,11 +138,7 @@ def test_the_node_copies_the_stamp_and_broadcasts_where_the_odometrys_frame_is(
 @pytest.fixture(scope="module")
 def hall(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A level site of the hall."""
-    sweeps = drive()
-    hits = [sweeps.points(row) for row in range(len(sweeps.world_T_sweep))]
-    level_map = Drawing.of(hits, sweeps.world_T_sweep).level_map()
-    path = tmp_path_factory.mktemp("hall") / "hall.yaml"
-    nav2_map.write(path, GridMap(level_map.occupancy, level_map.cell_m, level_map.origin))
+    path = map_of_hall(tmp_path_factory.mktemp("hall"))
     pack_map(path, path.with_name("hall.site"))
     return path.with_name("hall.site")
 

@@ -10,13 +10,13 @@ from pipeline.online.motion import Motion
 from pipeline.online.site import NO_LIMITS, Site
 from pipeline.online.tracking import PATIENCE, Tracker
 from pipeline.posing.fix import Fix as Registered
-from tests.online.made import ANCHORS, packed
+from tests.online.made import ANCHORS
 from tests.posing.scene import hypothesis, planar, scene, seen_from
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Site:
-    return Site.open(packed(tmp_path_factory.mktemp("site")))
+def site(three_places: Path) -> Site:
+    return Site.open(three_places)
 
 
 def seen(row: int, x_m: float) -> np.ndarray:
@@ -138,15 +138,6 @@ def test_a_track_starts_only_from_a_fix_that_its_own_scan_accepts(site: Site) ->
     tracker.site = unsure
     assert tracker.localize(seen(0, 3.0), np.eye(4)).verdict == "rejected"
     assert tracker.localize(seen(0, 3.5), planar(0.5, 0, 0)).verdict == "accepted"
-
-
-def test_the_command_follows_a_path(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from pipeline.cli import main
-
-    for i in range(3):
-        np.save(tmp_path / f"{i}.npy", seen(1, 0.5 * i).astype(np.float32))
-    main(["localize", str(packed(tmp_path)), str(tmp_path), "--track"])
-    assert "3 scans: 3 accepted" in capsys.readouterr().err
 
 
 def test_a_tracked_pose_is_never_called_near(site: Site) -> None:

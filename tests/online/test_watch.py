@@ -16,26 +16,26 @@ from pipeline.formats.pointcloud2 import decode
 from pipeline.online import site_file
 from pipeline.online.site import Site
 from pipeline.online.watch import whole_map
-from tests.online.made import GRID, packed, scan
+from tests.commands import Command
+from tests.online.made import GRID, scan
 from tests.posing.scene import scene
+from tests.readers.bags import cloud
 
 
 @pytest.fixture(scope="module")
-def drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+def drive(three_places: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
     """The site, and a folder of three scans: one accepted, one from elsewhere, one without pose."""
     folder = tmp_path_factory.mktemp("drive")
     for number, points_m in enumerate((scan()[0], scene(7), np.ones((9, 3)))):
         np.save(folder / f"{number}.npy", points_m.astype(np.float32))
-    return str(packed(tmp_path_factory.mktemp("site"))), str(folder)
+    return str(three_places), str(folder)
 
 
 def test_a_recording_for_rerun_has_map_scans_and_verdicts(
-    drive: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    drive: tuple[str, str], tmp_path: Path, yearloc: Command
 ) -> None:
-    main(["watch", *drive, "--save", str(tmp_path / "day.rrd")])
-    assert (
-        "3 scans: 1 accepted, 0 near, 0 ambiguous, 1 rejected, 1 no pose" in capsys.readouterr().err
-    )
+    _, told = yearloc.run("watch", *drive, "--save", tmp_path / "day.rrd")
+    assert "3 scans: 1 accepted, 0 near, 0 ambiguous, 1 rejected, 1 no pose" in told
     data = (tmp_path / "day.rrd").read_bytes()
     assert data[:3] == b"RRF"
     assert all(
@@ -45,10 +45,9 @@ def test_a_recording_for_rerun_has_map_scans_and_verdicts(
 
 
 def test_a_recording_holds_its_panels_and_cameras_that_follow_the_robot(
-    drive: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    drive: tuple[str, str], tmp_path: Path, yearloc: Command
 ) -> None:
-    main(["watch", *drive, "--save", str(tmp_path / "day.rrd")])
-    assert "WARN" not in capsys.readouterr().err
+    assert "WARN" not in yearloc.run("watch", *drive, "--save", tmp_path / "day.rrd")[1]
     command = (Path(sys.executable).parent / "rerun", "rrd", "print", "-vvv", tmp_path / "day.rrd")
     text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert text.count("EyeControls3D:position") >= 3
@@ -77,10 +76,12 @@ def translation(bag: BagFile) -> np.ndarray:
     return np.array([position.x, position.y, position.z])
 
 
-def test_points_as_far_out_as_utm_lie_where_the_poses_put_them(tmp_path: Path) -> None:
+def test_points_as_far_out_as_utm_lie_where_the_poses_put_them(
+    three_places: Path, tmp_path: Path
+) -> None:
     """At 4,000,000 m float32 is exact to a quarter of a metre only."""
     away_m = np.array([500_000.0, 4_000_000.0, 0.0])
-    parts = site_file.read(packed(tmp_path))
+    parts = site_file.read(three_places)
     far = {name: dict(part) for name, part in (("model", parts.model), ("arrays", parts.arrays))}
     far["arrays"]["world_T_anchor"] = far["arrays"]["world_T_anchor"].copy()
     far["arrays"]["world_T_anchor"][:, :3, 3] += away_m
@@ -117,21 +118,16 @@ def test_points_as_far_out_as_utm_lie_where_the_poses_put_them(tmp_path: Path) -
     ],
 )
 def test_wrong_options_are_refused_in_a_line(
-    drive: tuple[str, str], capsys: pytest.CaptureFixture[str], words: list[str], says: str
+    drive: tuple[str, str], yearloc: Command, words: list[str], says: str
 ) -> None:
-    with pytest.raises(SystemExit):
-        main(["watch", *drive, *words])
-    assert says in capsys.readouterr().err.splitlines()[-1]
+    assert says in yearloc.refused("watch", *drive, *words)
 
 
 def test_a_drive_that_is_still_being_recorded_is_watched(
-    drive: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    drive: tuple[str, str], tmp_path: Path, yearloc: Command
 ) -> None:
     with BagWriter(tmp_path / "live", "mcap") as bag:
-        points_m = scan()[0].astype(np.float32)
-        zeros = np.zeros(len(points_m), np.int64)
-        bag.points(10**9, "base_link", points_m, zeros.astype(float), zeros, "/points")
+        cloud(bag, 10**9, "base_link", scan()[0])
     (recording,) = (tmp_path / "live").glob("*.mcap")
-    live = (str(recording), "--follow", "--track", "--idle", "0.3")
-    main(["watch", drive[0], *live, "--save", str(tmp_path / "day.rrd")])
-    assert "1 scan: 1 accepted" in capsys.readouterr().err
+    live = ("--follow", "--track", "--idle", 0.3, "--save", tmp_path / "day.rrd")
+    assert "1 scan: 1 accepted" in yearloc.run("watch", drive[0], recording, *live)[1]

@@ -50,10 +50,4 @@ def fill(bag: BagWriter, clouds: int = 4, first: int = 0) -> None:
         bag.odometry(stamp_ns, "map", "base_link", at(i), "/truth")
         bag.odometry(stamp_ns, "odom", "base_link", at(100 + i), "/odom")
         if i < first + clouds:
-            bag.points(
-                stamp_ns + STEP_NS // 2,
-                "lidar",
-                np.array([[i, 0, 0], [1, 2, 3]], np.float32),
-                np.ones(2),
-                np.arange(2),
-            )
+            cloud(bag, stamp_ns + STEP_NS // 2, "lidar", [[i, 0, 0], [1, 2, 3]])

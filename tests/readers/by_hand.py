@@ -26,6 +26,16 @@ FLOAT32 = 7
 """The number of that type in sensor_msgs/PointField."""
 
 
+TABLES = """
+CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT);
+CREATE TABLE messages(
+    id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB);
+INSERT INTO topics VALUES (1, '/cloud', 'sensor_msgs/msg/PointCloud2', 'cdr');
+INSERT INTO topics VALUES (2, '/pose', 'geometry_msgs/msg/PoseStamped', 'cdr');
+"""
+"""The tables of rosbag2's first version."""
+
+
 class Cdr:
     """A message in ROS 2's Common Data Representation.
 
@@ -131,22 +141,14 @@ def ros1(path: Path) -> Path:
     It has a header, one chunk with all messages, the index of the chunk, the connections (one a
     topic), and the chunk's info.
     """
-    cloud = {
-        "topic": b"/cloud",
-        "type": b"sensor_msgs/PointCloud2",
-        "md5sum": CLOUD_MD5,
-        "message_definition": b"by hand",
-    }
-    pose = {
-        "topic": b"/pose",
-        "type": b"geometry_msgs/PoseStamped",
-        "md5sum": POSE_MD5,
-        "message_definition": b"by hand",
-    }
-    connections = b"".join(
-        record(joined(topic), op=b"\7", conn=u32(number), topic=topic["topic"])
-        for number, topic in enumerate((cloud, pose))
+    kinds = (
+        (b"/cloud", b"sensor_msgs/PointCloud2", CLOUD_MD5),
+        (b"/pose", b"geometry_msgs/PoseStamped", POSE_MD5),
     )
+    connections = b""
+    for number, (topic, kind, md5) in enumerate(kinds):
+        fields = {"topic": topic, "type": kind, "md5sum": md5, "message_definition": b"by hand"}
+        connections += record(joined(fields), op=b"\7", conn=u32(number), topic=topic)
     sent = [(stamp, 0, ros1_cloud(stamp, point)) for stamp, point in CLOUDS.items()]
     sent += [(stamp, 1, ros1_pose(stamp, numbers)) for stamp, numbers in POSES.items()]
     chunk = connections
@@ -216,25 +218,10 @@ def mcap(path: Path, big: bool = False) -> Path:
 def db3(path: Path, big: bool = False) -> Path:
     """Write rosbag2's sqlite3 tables of its first version, without metadata.yaml or definitions."""
     with sqlite3.connect(path) as database:
-        database.execute(
-            "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, "
-            "serialization_format TEXT)"
+        database.executescript(TABLES)
+        database.executemany(
+            "INSERT INTO messages(timestamp, topic_id, data) VALUES (?, ?, ?)", messages(big)
         )
-        database.execute(
-            "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, "
-            "data BLOB)"
-        )
-        database.execute(
-            "INSERT INTO topics VALUES (1, '/cloud', 'sensor_msgs/msg/PointCloud2', 'cdr')"
-        )
-        database.execute(
-            "INSERT INTO topics VALUES (2, '/pose', 'geometry_msgs/msg/PoseStamped', 'cdr')"
-        )
-        for stamp, number, message in messages(big):
-            database.execute(
-                "INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)",
-                (number, stamp, message),
-            )
     database.close()
     return path
 

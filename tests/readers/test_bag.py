@@ -18,12 +18,14 @@ from pipeline.formats.bag_file import BagFile
 from pipeline.readers.bag import Bag
 from pipeline.readers.bag_poses import Tree, longest_increasing
 from tests.readers import by_hand
-from tests.readers.bags import BODY_T_LIDAR, KINDS, START_NS, STEP_NS, at, bag_path, drive
+from tests.readers.bags import BODY_T_LIDAR, KINDS, START_NS, STEP_NS, at, bag_path, cloud, drive
 from tests.readers.damage import one_line
 
 READER = Bag(truth="/truth", odometry="/odom")
 HERE = (0, 0, 0, 0, 0, 0)
 """Extrinsics of a LiDAR in the origin of the body."""
+POINT = [[0, 0, 0]]
+"""A cloud of one point."""
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -164,17 +166,10 @@ def written(root: Path, write: Callable[[BagWriter], None], poses: int = 5) -> P
     return root
 
 
-def cloud(bag: BagWriter, stamp_ns: int, x: float = 0.0, frame: str = "lidar") -> None:
-    """Write a cloud of one point, at (x, 0, 0)."""
-    bag.points(
-        stamp_ns, frame, np.array([[x, 0, 0]], np.float32), np.zeros(1), np.zeros(1, np.uint16)
-    )
-
-
 def test_clouds_are_put_in_order_and_repeated_stamps_counted(tmp_path: Path) -> None:
     def write(bag: BagWriter) -> None:
         for x, step in ((1, 2), (2, 1), (3, 2), (4, 3)):
-            cloud(bag, START_NS + step * STEP_NS, x)
+            cloud(bag, START_NS + step * STEP_NS, "lidar", [[x, 0, 0]])
 
     log = Bag(truth="/truth", body_T_lidar=HERE).open(written(tmp_path, write), "drive")
     assert [log.points(row)[0, 0] for row in range(3)] == [2, 1, 4]
@@ -216,7 +211,7 @@ def test_clouds_in_gaps_and_invalid_poses_are_counted(tmp_path: Path) -> None:
         bag.odometry(START_NS + 10 * STEP_NS, "map", "base_link", at(np.nan), "/truth")
         bag.odometry(START_NS + 11 * STEP_NS, "map", "base_link", at(11), "/truth")
         for step in (-1, 1, 6, 11, 12):
-            cloud(bag, START_NS + step * STEP_NS)
+            cloud(bag, START_NS + step * STEP_NS, "lidar", POINT)
 
     log = Bag(truth="/truth", body_T_lidar=HERE).open(written(tmp_path, write), "drive")
     np.testing.assert_allclose(log.world_T_scan[:, 0, 3], [1, 11])
@@ -238,7 +233,7 @@ def test_a_chain_of_transforms_gives_a_trajectory(tmp_path: Path) -> None:
                 side = np.eye(4)
                 side[1, 3] = i / 4
                 bag.transform(START_NS + i * STEP_NS, "map", "odom", side)
-        cloud(bag, START_NS + STEP_NS)
+        cloud(bag, START_NS + STEP_NS, "lidar", POINT)
 
     log = Bag(truth="tf:map>base_link", odometry="tf:odom>base_link").open(
         written(tmp_path, write), "drive"
@@ -260,7 +255,7 @@ def test_transforms_of_old_bags_have_another_name(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "new.bag", "ros1") as bag:
         for i in range(5):
             bag.transform(START_NS + i * STEP_NS, "/odom", "/lidar", at(i))
-        cloud(bag, START_NS + STEP_NS, frame="/lidar")
+        cloud(bag, START_NS + STEP_NS, "/lidar", POINT)
     with rosbag1.Reader(tmp_path / "new.bag") as new, rosbag1.Writer(tmp_path / "drive.bag") as old:
         for connection, stamp_ns, data in new.messages():
             kind = connection.msgtype.replace("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
@@ -284,7 +279,7 @@ def test_odometry_of_another_frame_is_moved_to_the_frame_of_the_true_poses(tmp_p
         bag.static_transform(START_NS, "wheels", "base_link", at(2))
         for i in range(5):
             bag.odometry(START_NS + i * STEP_NS, "odom", "wheels", at(100 + i), "/odom")
-        cloud(bag, START_NS + STEP_NS, frame="base_link")
+        cloud(bag, START_NS + STEP_NS, "base_link", POINT)
 
     log = READER.open(written(tmp_path, write), "drive")
     np.testing.assert_allclose(log.odom_T_scan[0, :3, 3], [103, 0, 0])
@@ -371,7 +366,7 @@ def test_real_broken_bags_raise_an_error_of_one_line(real: Path, name: str, says
 
 
 def test_the_extrinsics_are_in_the_bag_or_in_the_yaml(tmp_path: Path) -> None:
-    written(tmp_path / "without", lambda bag: cloud(bag, START_NS))
+    written(tmp_path / "without", lambda bag: cloud(bag, START_NS, "lidar", POINT))
     with one_line(
         LogError, r"no fixed transforms lead from base_link to lidar; give reader\.body_T_lidar"
     ):
@@ -431,8 +426,8 @@ def test_a_topic_in_several_frames_is_refused(
     tmp_path: Path, frame: str, world: str, says: str
 ) -> None:
     def write(bag: BagWriter) -> None:
-        cloud(bag, START_NS)
-        cloud(bag, START_NS + STEP_NS, frame=frame)
+        cloud(bag, START_NS, "lidar", POINT)
+        cloud(bag, START_NS + STEP_NS, frame, POINT)
         bag.odometry(START_NS + 5 * STEP_NS, world, "base_link", at(5), "/truth")
 
     with one_line(LogError, says):

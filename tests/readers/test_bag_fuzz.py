@@ -19,7 +19,7 @@ from rosbags.interfaces import Connection
 from pipeline.core.errors import LogError
 from pipeline.formats.bag import BagWriter
 from pipeline.readers.bag import Bag
-from tests.readers.bags import KINDS, START_NS, STEP_NS, at, bag_path, drive, fill
+from tests.readers.bags import KINDS, START_NS, STEP_NS, at, bag_path, cloud, drive, fill
 from tests.readers.damage import assert_line, damaged, opened
 
 COUNT = itertools.count()
@@ -130,13 +130,7 @@ def test_of_clouds_with_one_stamp_the_first_is_read(
         for step, x in poses:
             bag.odometry(START_NS + step * STEP_NS, "map", "lidar", at(x), "/truth")
         for i, (step, x) in enumerate(clouds):
-            bag.points(
-                START_NS + step * STEP_NS,
-                "lidar",
-                np.array([[i, 0, 0], [x, 0, 0]], np.float32),
-                np.ones(2),
-                np.ones(2),
-            )
+            cloud(bag, START_NS + step * STEP_NS, "lidar", [[i, 0, 0], [x, 0, 0]])
     reader = Bag(truth="/truth", max_gap_s=10)
     check(reader, root)
     first = {step: i for i, (step, _) in reversed(list(enumerate(clouds)))}

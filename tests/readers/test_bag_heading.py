@@ -10,7 +10,7 @@ from pipeline.core.errors import LogError
 from pipeline.core.frames import pose
 from pipeline.formats.bag import BagWriter
 from pipeline.readers.bag import Bag
-from tests.readers.bags import KINDS, START_NS, STEP_NS, bag_path
+from tests.readers.bags import KINDS, START_NS, STEP_NS, bag_path, cloud
 
 UPSIDE_DOWN = pose(np.zeros((1, 3)), np.array([[np.pi, 0.0, 0.0]]))[0]
 IMU_NS = STEP_NS // 10
@@ -27,8 +27,7 @@ def turning(path: Path, kind: Kind, seconds: tuple[tuple[float, float], ...]) ->
     with BagWriter(path, kind) as bag:
         bag.static_transform(START_NS, "lidar", "imu_link", UPSIDE_DOWN)
         for row in range(10):
-            points_m = np.array([[row, 0, 0], [1, 2, 3]], np.float32)
-            bag.points(START_NS + row * STEP_NS, "lidar", points_m, np.ones(2), np.arange(2))
+            cloud(bag, START_NS + row * STEP_NS, "lidar", [[row, 0, 0], [1, 2, 3]])
         for first_s, last_s in seconds:
             for reading in range(round(first_s * 100), round(last_s * 100) + 1):
                 rate_rad_s = np.array([0.0, 0.0, -0.5])
@@ -60,7 +59,7 @@ def test_an_imu_that_no_transforms_place_is_taken_for_upright(tmp_path: Path) ->
     with BagWriter(tmp_path / "drive", "mcap") as bag:
         for row in range(3):
             stamp_ns = START_NS + row * STEP_NS
-            bag.points(stamp_ns, "lidar", np.ones((2, 3), np.float32), np.ones(2), np.arange(2))
+            cloud(bag, stamp_ns, "lidar", np.ones((2, 3)))
             bag.imu(stamp_ns, "imu_link", np.array([0.0, 0.0, 0.2]))
     log = READER.open(tmp_path, "drive")
     assert log.heading_rad is not None
@@ -73,7 +72,7 @@ def test_what_is_no_imu_is_refused(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"reader.imu=/points is a .*PointCloud2; expected Imu"):
         Bag(truth=None, imu="/points").open(tmp_path, "drive")
     with BagWriter(tmp_path / "silent", "mcap") as bag:
-        bag.points(START_NS, "lidar", np.ones((2, 3), np.float32), np.ones(2), np.arange(2))
+        cloud(bag, START_NS, "lidar", np.ones((2, 3)))
         bag.imu(START_NS, "imu_link", np.full(3, np.nan))
     with pytest.raises(LogError, match="no rate of turn"):
         READER.open(tmp_path, "silent")

@@ -10,7 +10,7 @@ from pipeline.formats.bag import BagWriter
 from pipeline.readers.bag import Bag
 from pipeline.readers.folder import Folder
 from pipeline.readers.vehicle import breaks_ns, doubts, jumps, split_at_jumps
-from tests.readers.bags import START_NS, STEP_NS, at
+from tests.readers.bags import START_NS, STEP_NS, at, cloud
 from tests.readers.logs import START, folder_log
 
 TENTH_NS = 100_000_000
@@ -183,7 +183,7 @@ def test_odometry_of_a_bag_starts_anew_where_it_was_set_back(tmp_path: Path) -> 
             bag.odometry(
                 stamp_ns, "odom", "base_link", at(0.1 * (i if i <= 10 else i - 11)), "/odom"
             )
-            bag.points(stamp_ns, "lidar", np.ones((5, 3), np.float32), np.ones(5), np.arange(5))
+            cloud(bag, stamp_ns, "lidar", np.ones((5, 3)))
     log = Bag(truth="/truth", odometry="/odom").open(tmp_path, "drive")
     assert np.flatnonzero(np.isnan(log.odom_T_scan[:, 0, 0])).tolist() == [11]
     assert any("/odom: jumps once" in note for note in log.notes)
