@@ -64,6 +64,17 @@ def write_submaps(
     return written(path, schemas.Submaps, columns | {"world_T_anchor": world_T_anchor}, **attrs)
 
 
+def write_map(path: Path, points: Sequence[np.ndarray], world_T_anchor: np.ndarray) -> schemas.Maps:
+    """A map of these clouds (n, 3), each as seen from its anchor."""
+    columns = {
+        "points": np.rint(np.concatenate([np.empty((0, 3)), *points]) / GRAIN_M).astype(np.int64),
+        "offsets": np.cumsum([0, *map(len, points)]),
+        "world_T_anchor": world_T_anchor,
+    }
+    attrs = {"grain_m": GRAIN_M, "voxel_m": 0.5, "range_m": 80.0, "single": True}
+    return written(path, schemas.Maps, columns, **attrs)
+
+
 def write_views(
     path: Path, kind: type[Kind], images: np.ndarray, world_T_anchor: np.ndarray, **attrs: Any
 ) -> Kind:

@@ -1,5 +1,6 @@
 """A hall of 20 by 12 m made by hand, and the sweeps of a level laser in it."""
 
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -8,10 +9,10 @@ from numpy.typing import NDArray
 
 from pipeline.formats import nav2_map
 from pipeline.formats.nav2_map import GridMap
+from pipeline.level.field import Field
 from pipeline.level.held_out import Sweeps
 from pipeline.level.level_map import Drawing
 
-SIZE_M = (20.0, 12.0)
 WALLS = (
     *((0, 0, 20, 0), (20, 0, 20, 12), (20, 12, 0, 12), (0, 12, 0, 0)),  # the outer ones
     *((7, 0, 7, 4), (7, 6, 7, 12), (7, 6, 12, 6), (14, 12, 14, 8)),  # rooms of unlike shape
@@ -65,6 +66,18 @@ def pose(x_m: float, y_m: float, heading_rad: float) -> NDArray[np.float64]:
     return world_T_robot
 
 
+def drawing(sweeps: Sweeps, cell_m: float | None = None) -> Drawing:
+    """What all sweeps of a drive draw."""
+    hits = [sweeps.points(row) for row in range(len(sweeps.world_T_sweep))]
+    return Drawing.of(hits, sweeps.world_T_sweep, cell_m=cell_m)
+
+
+@cache
+def field() -> Field:
+    """The map of the whole drive."""
+    return Field.of(drawing(drive()).level_map())
+
+
 def drive(
     corners: tuple[tuple[float, float], ...] = DRIVEN, step_m: float = 0.5, seed: int = 0
 ) -> Sweeps:
@@ -87,9 +100,7 @@ def drive(
 
 def map_of_hall(folder: Path) -> Path:
     """Write a Nav2 map of the hall, by a drive through it; returns its yaml."""
-    sweeps = drive()
-    hits = [sweeps.points(row) for row in range(len(sweeps.world_T_sweep))]
-    level_map = Drawing.of(hits, sweeps.world_T_sweep).level_map()
+    level_map = drawing(drive()).level_map()
     path = folder / "hall.yaml"
     nav2_map.write(path, GridMap(level_map.occupancy, level_map.cell_m, level_map.origin))
     return path

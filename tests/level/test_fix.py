@@ -6,18 +6,17 @@ import pytest
 from pipeline.level.beams import supports
 from pipeline.level.field import Field
 from pipeline.level.fix import LevelFixer
-from pipeline.level.level_map import Drawing, LevelMap
+from pipeline.level.level_map import LevelMap
 from pipeline.level.refinement import refined
 from pipeline.level.sweeps import Gatherer, single
 from pipeline.level.verdict import OF_SWEEPS
+from tests.level import hall
 from tests.level.hall import WALLS, drive, pose, sweep
 
 
 @pytest.fixture(scope="module")
 def field() -> Field:
-    sweeps = drive()
-    hits = [sweeps.points(row) for row in range(len(sweeps.world_T_sweep))]
-    return Field.of(Drawing.of(hits, sweeps.world_T_sweep).level_map())
+    return hall.field()
 
 
 PLACES = ((4.0, 3.0, 0.3), (16.0, 6.0, 2.0), (13.0, 9.5, -2.5), (9.5, 4.0, 3.0))

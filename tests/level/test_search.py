@@ -4,16 +4,15 @@ import numpy as np
 import pytest
 
 from pipeline.level.field import Field
-from pipeline.level.level_map import Drawing, LevelMap
+from pipeline.level.level_map import LevelMap
 from pipeline.level.search import APART_DEG, APART_M, HEADINGS, search
-from tests.level.hall import drive, sweep
+from tests.level import hall
+from tests.level.hall import sweep
 
 
 @pytest.fixture(scope="module")
 def field() -> Field:
-    sweeps = drive()
-    hits = [sweeps.points(row) for row in range(len(sweeps.world_T_sweep))]
-    return Field.of(Drawing.of(hits, sweeps.world_T_sweep).level_map())
+    return hall.field()
 
 
 def exhaustive(field: Field, points_m: np.ndarray) -> float:

@@ -6,10 +6,9 @@ import pytest
 from pipeline.level.beams import Support
 from pipeline.level.fix import Hypothesis, LevelFix, LevelFixer
 from pipeline.level.held_out import LevelHeldOut
-from pipeline.level.level_map import Drawing
 from pipeline.level.verdict import NO_EVIDENCE, OF_SWEEPS, USUAL, USUAL_LIMITS, verdict_of
 from pipeline.posing.verdict import Evidence
-from tests.level.hall import drive, pose
+from tests.level.hall import drawing, drive, pose
 
 
 def hypothesis(
@@ -83,10 +82,8 @@ def test_evidence_alone_promises_only_what_one_more_wrong_fix_would_not_break() 
 
 def test_held_out_stretches_are_found_on_a_map_with_their_surroundings_only() -> None:
     sweeps = drive()
-    hits = [sweeps.points(row) for row in range(len(sweeps.world_T_sweep))]
-    drawing = Drawing.of(hits, sweeps.world_T_sweep, cell_m=0.1)
     held_out = LevelHeldOut(every_m=6.0, around_m=(30.0,))
-    own = held_out.evidence(LevelFixer(), sweeps, drawing, 3.0)
+    own = held_out.evidence(LevelFixer(), sweeps, drawing(sweeps, cell_m=0.1), 3.0)
     assert own.blocks == len(own.fixes) // 2 >= 3
     # within 30 m lies the whole hall: nothing is left to be found in
     for fix, true, unseen in zip(own.fixes, own.world_T_true, own.unseen, strict=True):

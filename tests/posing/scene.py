@@ -5,10 +5,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.frames import pose
+from pipeline.posing.chances import Chances
 from pipeline.posing.fix import Hypothesis
 from pipeline.posing.registration import Alignment
 from pipeline.posing.slides import Slide
 from pipeline.posing.verification import Agreement
+
+OVERLAPS = Chances((10.0, *5 * (0.0,)), -5.0)
+"""Chances by overlap alone: a hypothesis of overlap .5 is as likely as that none is right."""
 
 
 def scene(seed: int = 0, houses: int = 12) -> NDArray[np.float64]:

@@ -10,14 +10,11 @@ from pipeline.core.grid import Grid
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Ranking
 from pipeline.posing.answers import OWN_KINDS, PosedQuery, posed
-from pipeline.posing.chances import Chances
 from pipeline.posing.fix import Fix
 from pipeline.posing.verdict import Judge
 from tests.methods.test_sci_ring import KINDS as RING_KINDS
-from tests.posing.scene import hypothesis
+from tests.posing.scene import OVERLAPS, hypothesis
 
-OVERLAPS = Chances((10.0, *5 * (0.0,)), -5.0)
-"""Chances by overlap alone: a hypothesis of overlap .5 is as likely as that none is right."""
 FIXES = [
     Fix.of([hypothesis(25, 0.8, yaw_deg=90), hypothesis(45, 0.3)], OVERLAPS),
     Fix(),

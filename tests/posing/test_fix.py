@@ -6,14 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.core import schemas, store
 from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.core.frames import distance_and_turn
-from pipeline.posing.chances import Chances
 from pipeline.posing.fix import Fix, signs
 from pipeline.posing.search import Answers, Fixer
-from pipeline.posing.targets import GRAIN_M, Targets
-from tests.posing.scene import hypothesis, planar, scene, seen_from
+from pipeline.posing.targets import Targets
+from tests.artifacts import write_map
+from tests.posing.scene import OVERLAPS, hypothesis, planar, scene, seen_from
 
 ANCHORS = [planar(0, 0, 0), planar(200, 0, 90), planar(400, 0, -30)]
 PLACES = Answers.at(np.array([[400.0, 0.0], [200.0, 0.0], [0.0, 0.0]]))
@@ -21,16 +20,8 @@ PLACES = Answers.at(np.array([[400.0, 0.0], [200.0, 0.0], [0.0, 0.0]]))
 
 def written(path: Path, seeds: range) -> Targets:
     """A map of places, each another scene."""
-    clouds = [seen_from(scene(seed), planar(0, 0, 0)) for seed in seeds]
-    with store.draft(
-        path, schemas.Maps, grain_m=GRAIN_M, voxel_m=0.5, range_m=80.0, single=True
-    ) as out:
-        out.put(
-            "points",
-            np.rint(np.concatenate([np.empty((0, 3)), *clouds]) / GRAIN_M).astype(np.int64),
-        )
-        out.put("offsets", np.cumsum([0, *map(len, clouds)]))
-        out.put("world_T_anchor", np.array(ANCHORS[: len(seeds)]).reshape(-1, 4, 4))
+    anchors = np.array(ANCHORS[: len(seeds)]).reshape(-1, 4, 4)
+    write_map(path, [scene(seed) for seed in seeds], anchors)
     return Targets.read(path)
 
 
@@ -123,10 +114,6 @@ def test_what_is_left_out_is_not_there(targets: Targets) -> None:
 
 def test_millimetres_are_not_accepted(targets: Targets) -> None:
     assert all(one.overlap < 0.1 for one in Fixer().fix(scene() * 1000, targets, PLACES).hypotheses)
-
-
-OVERLAPS = Chances((10.0, *5 * (0.0,)), -5.0)
-"""Chances by overlap alone: a hypothesis of overlap .5 is as likely as that none is right."""
 
 
 def test_the_likeliest_leads_whatever_its_spread_and_others_stand_elsewhere() -> None:

@@ -60,10 +60,16 @@ def evidence_of(views: Rows, path: Path, how: HeldOut = HELD_OUT) -> Evidence:
     )
 
 
-def test_blocks_are_right_with_their_surroundings_aged_or_not_and_wrong_without(path: Path) -> None:
+@pytest.fixture(scope="module")
+def evidence(path: Path) -> Evidence:
+    return evidence_of(VIEWS, path)
+
+
+def test_blocks_are_right_with_their_surroundings_aged_or_not_and_wrong_without(
+    path: Path, evidence: Evidence
+) -> None:
     """Blocks of 2 m in every 4; as these are too few, the scans between them are asked in their
     turn."""
-    evidence = evidence_of(VIEWS, path)
     queries = len(evidence.fixes) // 3
     assert queries == 8
     few = evidence_of(VIEWS, path, replace(HELD_OUT, enough=1))
@@ -98,8 +104,7 @@ def test_a_fix_lacks_what_a_search_with_a_least_overlap_does_not_refine() -> Non
     assert len(gated(Fix.of(hypotheses, likely), 0.2, likely).hypotheses) == 2
 
 
-def test_evidence_stands_for_as_many_queries_as_there_are_blocks(path: Path) -> None:
-    evidence = evidence_of(VIEWS, path)
+def test_evidence_stands_for_as_many_queries_as_there_are_blocks(evidence: Evidence) -> None:
     weight = evidence.weight(0.25)
     assert weight.sum() == pytest.approx(evidence.blocks)
     assert weight[evidence.unseen].sum() == pytest.approx(evidence.blocks / 4)

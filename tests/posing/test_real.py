@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipeline.core import schemas, store
 from pipeline.core.frames import distance_and_turn, yaw
 from pipeline.formats import pcd
 from pipeline.posing.fix import Fix
 from pipeline.posing.registration import Registration
 from pipeline.posing.search import Fixer
-from pipeline.posing.targets import GRAIN_M, Targets
+from pipeline.posing.targets import Targets
 from pipeline.posing.walls import Walls
 from pipeline.readers.kitti import read_velodyne
+from tests.artifacts import write_map
 from tests.posing.scene import planar
 
 BODY_T_FORWARD = np.array([[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, -0.78], [0, 0, 0, 1]])
@@ -51,13 +51,7 @@ def frames(real: Path) -> KeyFrames:
 def targets(frames: KeyFrames, tmp_path_factory: pytest.TempPathFactory) -> Targets:
     """The way out."""
     path = tmp_path_factory.mktemp("map") / "out.zarr"
-    clouds = [frames.points_m(row) for row in OUT]
-    with store.draft(
-        path, schemas.Maps, grain_m=GRAIN_M, voxel_m=0.5, range_m=80.0, single=True
-    ) as out:
-        out.put("points", np.rint(np.concatenate(clouds) / GRAIN_M).astype(np.int64))
-        out.put("offsets", np.cumsum([0, *map(len, clouds)]))
-        out.put("world_T_anchor", frames.world_T_frame[OUT])
+    write_map(path, [frames.points_m(row) for row in OUT], frames.world_T_frame[OUT])
     return Targets.read(path)
 
 

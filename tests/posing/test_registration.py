@@ -45,7 +45,7 @@ def test_a_bare_plane_and_a_bare_wall_leave_directions_open() -> None:
 def test_the_covariance_is_what_repeated_noise_gives() -> None:
     rng = np.random.default_rng(0)
     poses = []
-    for _ in range(24):
+    for _ in range(12):
         noisy = [scene() + rng.normal(0, 0.05, scene().shape) for _ in range(2)]
         result = Registration().align(*noisy, np.eye(4))
         poses.append(result.target_T_source[:3, 3])

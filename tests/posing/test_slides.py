@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.core import schemas, store
 from pipeline.core.frames import yaw
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.slides import FAR_M, slide
-from pipeline.posing.targets import GRAIN_M, Targets
+from pipeline.posing.targets import Targets
 from pipeline.posing.walls import Walls
+from tests.artifacts import write_map
 from tests.posing.scene import planar, seen_from
 
 EVERY_M = 18.0
@@ -119,12 +119,7 @@ def driven(folder: Path, kind: str, has_kiosk: bool) -> tuple[np.ndarray, Target
     if kind.startswith("a crossing"):
         anchors = anchors[6:11]  # 24 to 40 m
     clouds = [visible(points_m, anchor) for anchor in anchors]
-    with store.draft(
-        folder / "day.zarr", schemas.Maps, grain_m=GRAIN_M, voxel_m=0.5, range_m=80.0, single=True
-    ) as out:
-        out.put("points", np.rint(np.concatenate(clouds) / GRAIN_M).astype(np.int64))
-        out.put("offsets", np.cumsum([0, *map(len, clouds)]))
-        out.put("world_T_anchor", anchors)
+    write_map(folder / "day.zarr", clouds, anchors)
     return street(kind, has_kiosk, 1), Targets.read(folder / "day.zarr")
 
 

@@ -5,13 +5,9 @@ import numpy as np
 import pytest
 
 from pipeline.matching.rejection import ACCEPT_NOTHING
-from pipeline.posing.chances import Chances
 from pipeline.posing.fix import Fix
 from pipeline.posing.verdict import BELIEFS, OF_SCANS, PROMISES, Evidence, Judge, middle
-from tests.posing.scene import hypothesis, planar
-
-OVERLAPS = Chances((10.0, *5 * (0.0,)), -5.0)
-"""Chances by overlap alone: a hypothesis of overlap .5 is as likely as that none is right."""
+from tests.posing.scene import OVERLAPS, hypothesis, planar
 
 
 def test_doubts_in_the_pose_in_its_place_and_in_the_poses_that_are_named() -> None:
