@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from pipeline.core.clusters import pods
 from pipeline.core.compute import Compute
 from pipeline.core.errors import ComputeError, ConfigError, LogError, NotInstalledError
 from stages import compute_words
+from tests.core.test_compute import within
 from tests.listening import addresses
 
 ROOT = Path(__file__).parents[2]
@@ -126,44 +127,6 @@ def test_an_error_of_a_block_comes_as_it_is(local: Compute) -> None:
         list(local.rows(broken, 1, 1))
 
 
-STAGE = """
-import os, pathlib, sys, time
-from pipeline.core.compute import Compute
-def work(start, stop):
-    pathlib.Path(FOLDER, str(os.getpid())).touch()
-    time.sleep(60)
-if __name__ == "__main__":
-    with Compute("local", workers=2) as compute:
-        list(compute.rows(work, 2, 1))
-"""
-
-
-def test_no_worker_is_left_of_a_stage_that_is_killed(tmp_path: Path) -> None:
-    script = tmp_path / "stage.py"
-    seen = tmp_path / "seen"
-    seen.mkdir()
-    script.write_text(STAGE.replace("FOLDER", repr(str(seen))))
-    stage = subprocess.Popen([sys.executable, script], env=os.environ | {"PYTHONPATH": str(ROOT)})
-    assert within(30, lambda: len(list(seen.iterdir())) == 2)
-    workers = psutil.Process(stage.pid).children(recursive=True)
-    stage.kill()
-    stage.wait()
-    assert within(
-        10,
-        lambda: (
-            not any(one.is_running() and one.status() != psutil.STATUS_ZOMBIE for one in workers)
-        ),
-    )
-
-
-def within(seconds: float, is_true: Callable[[], bool]) -> bool:
-    """Whether a condition comes true within so many seconds."""
-    until = time.monotonic() + seconds
-    while not is_true() and time.monotonic() < until:
-        time.sleep(0.05)
-    return is_true()
-
-
 def test_a_scheduler_that_runs_already_is_left_as_it_was() -> None:
     from distributed import LocalCluster
 
@@ -252,40 +215,29 @@ def test_the_environment_chooses_for_stages_that_compute_blocks(
 
 
 @LEFT_OPEN
-def test_a_job_of_slurm_is_one_worker_of_one_thread(
+def test_a_job_of_slurm_is_one_worker_of_one_thread_and_a_refused_one_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The script is composed by dask-jobqueue; no job is sent."""
     from dask_jobqueue import SLURMCluster
 
-    taken = subprocess.CompletedProcess((), 0)
-    monkeypatch.setattr(clusters.subprocess, "run", lambda *words, **given: taken)
-    monkeypatch.setattr(SLURMCluster, "scale", lambda self, workers: None)
-    monkeypatch.setattr(SLURMCluster, "adapt", lambda self, **limits: None)
-    with clusters.CLUSTERS["slurm"](
-        2, **described("slurm")["settings"] | {"queue": "night", "folder": str(tmp_path)}
-    ) as cluster:
-        lines = cluster.job_script().splitlines()
-    del cluster
-    gc.collect()
+    error = "sbatch: error: no queue night\nsbatch: error: failed\n"
+    said = iter([subprocess.CompletedProcess((), 0), subprocess.CompletedProcess((), 1, "", error)])
+    monkeypatch.setattr(clusters.subprocess, "run", lambda *words, **given: next(said))
+    settings = described("slurm")["settings"] | {"queue": "night", "folder": str(tmp_path)}
+    with monkeypatch.context() as stub:
+        stub.setattr(SLURMCluster, "scale", lambda self, workers: None)
+        stub.setattr(SLURMCluster, "adapt", lambda self, **limits: None)
+        with clusters.CLUSTERS["slurm"](2, **settings) as cluster:
+            lines = cluster.job_script().splitlines()
+        del cluster
+        gc.collect()
     asked = {"-p night", "-n 1", "--cpus-per-task=1", "--mem=4G", "-t 04:00:00"}
     assert asked <= {line.removeprefix("#SBATCH ") for line in lines}
     assert f"{sys.executable} -m distributed.cli.dask_worker tls://" in lines[-1]
     assert "--nthreads 1" in lines[-1]
-
-
-@LEFT_OPEN
-def test_a_job_that_slurm_refuses_is_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    refused = subprocess.CompletedProcess(
-        (), 1, "", "sbatch: error: no queue night\nsbatch: error: failed\n"
-    )
-    monkeypatch.setattr(clusters.subprocess, "run", lambda *words, **given: refused)
-    settings = described("slurm")["settings"] | {"queue": "night", "folder": str(tmp_path)}
-    with pytest.raises(
-        ConfigError, match=r"compute=slurm: no job .* no queue night sbatch: error: failed$"
-    ):
+    refusal = r"compute=slurm: no job .* no queue night sbatch: error: failed$"
+    with pytest.raises(ConfigError, match=refusal):
         Compute("slurm", 1, 1, settings).__enter__()
     gc.collect()
 

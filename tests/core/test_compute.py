@@ -14,6 +14,7 @@ import pytest
 from pipeline.core.compute import Compute
 from pipeline.core.errors import ConfigError
 
+ROOT = Path(__file__).parents[2]
 SCHEDULERS = ("threads", "processes")
 
 
@@ -69,33 +70,41 @@ def test_processes_share_the_blocks() -> None:
     assert len({os.getpid(), *Compute("processes", workers=2).rows(where, 8, 1)}) == 3
 
 
-def test_workers_end_with_a_stage_that_is_killed(tmp_path: Path) -> None:
-    code = (
-        "import os, pathlib, sys, time\nfrom pipeline.core.compute import Compute\ndef "
-        "work(start, stop):\n    pathlib.Path(sys.argv[1], str(os.getpid())).touch()\n    "
-        "time.sleep(60)\nif __name__ == '__main__':\n    list(Compute('processes', "
-        "workers=2).rows(work, 2, 1))\n"
-    )
-    script = tmp_path / "stage.py"
-    script.write_text(code.replace("sys.argv[1]", repr(str(tmp_path))))
-    stage = subprocess.Popen(
-        [sys.executable, script], env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
-    )
-    assert _within(
-        30, lambda: len([path for path in tmp_path.iterdir() if path.name.isdecimal()]) == 2
-    )
-    workers = [int(path.name) for path in tmp_path.iterdir() if path.name.isdecimal()]
-    stage.kill()
-    stage.wait()
-    assert _within(
-        10,
-        lambda: (
-            not any(
-                psutil.pid_exists(pid) and psutil.Process(pid).status() != "zombie"
-                for pid in workers
-            )
-        ),
-    )
+WORKS = """
+import os, pathlib, time
+from pipeline.core.compute import Compute
+def work(start, stop):
+    pathlib.Path(FOLDER, str(os.getpid())).touch()
+    time.sleep(60)
+if __name__ == "__main__":
+    with Compute(SCHEDULER, workers=2) as compute:
+        list(compute.rows(work, 2, 1))
+"""
+
+
+def stage(folder: Path, code: str) -> tuple[list[str], dict[str, str]]:
+    """The words and the environment that run a stage of this code."""
+    (folder / "stage.py").write_text(code)
+    return [sys.executable, str(folder / "stage.py")], os.environ | {"PYTHONPATH": str(ROOT)}
+
+
+@pytest.mark.parametrize("scheduler", ["processes", "local"])
+def test_no_worker_is_left_of_a_stage_that_is_killed(tmp_path: Path, scheduler: str) -> None:
+    begun = tmp_path / "begun"
+    begun.mkdir()
+    code = WORKS.replace("FOLDER", repr(str(begun))).replace("SCHEDULER", repr(scheduler))
+    words, env = stage(tmp_path, code)
+    running = subprocess.Popen(words, env=env)
+    assert within(30, lambda: len(list(begun.iterdir())) == 2)
+    workers = psutil.Process(running.pid).children(recursive=True)
+    assert {str(worker.pid) for worker in workers} >= {path.name for path in begun.iterdir()}
+    running.kill()
+    running.wait()
+    assert within(10, lambda: not any(map(is_alive, workers)))
+
+
+def is_alive(process: psutil.Process) -> bool:
+    return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
 
 
 EXITS = """
@@ -114,21 +123,15 @@ if __name__ == "__main__":
 
 def test_a_stage_that_exits_does_not_wait_for_the_blocks_under_way(tmp_path: Path) -> None:
     """Block 0 is done at once; those that are under way then would take five minutes each."""
-    script = tmp_path / "stage.py"
-    script.write_text(EXITS)
-    stage = subprocess.run(
-        [sys.executable, script],
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
-        capture_output=True,
-        text=True,
-        timeout=100,
-        check=False,
+    words, env = stage(tmp_path, EXITS)
+    exited = subprocess.run(
+        words, env=env, capture_output=True, text=True, timeout=100, check=False
     )
-    assert stage.returncode == 7
-    assert not stage.stderr
+    assert exited.returncode == 7
+    assert not exited.stderr
 
 
-def _within(seconds: float, is_true: Callable[[], bool]) -> bool:
+def within(seconds: float, is_true: Callable[[], bool]) -> bool:
     """Whether a condition comes true within so many seconds."""
     until = time.monotonic() + seconds
     while not is_true() and time.monotonic() < until:
