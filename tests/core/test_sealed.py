@@ -3,6 +3,7 @@
 import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,32 +21,39 @@ MODEL = {
 }
 
 
-def turn_a_bit(path: Path, rng: np.random.Generator) -> bytes:
-    """Turn one bit of a file; returns the file as it was."""
-    before = path.read_bytes()
-    damaged = bytearray(before)
-    damaged[rng.integers(len(damaged))] ^= 1 << int(rng.integers(8))
-    path.write_bytes(damaged)
-    return before
+def read(path: Path) -> Any:
+    """What an artifact or a model holds."""
+    if path.suffix == ".zip":
+        model = store.read_model(path)
+        arrays = {name: (array.dtype, array.tobytes()) for name, array in model.items()}
+        return store.read_recipe(path), arrays
+    artifact = store.read(path, Things)
+    return artifact.attrs, {name: artifact.load(name).tobytes() for name in COLUMNS}
 
 
-def test_an_artifact_with_a_turned_bit_is_refused_or_the_same(tmp_path: Path) -> None:
-    put(path := tmp_path / "a.zarr")
-    files = sorted(file for file in path.rglob("*") if file.is_file())
+@pytest.mark.parametrize("name", ["a.zarr", "a.zarr.zip"])
+def test_with_a_turned_bit_it_is_refused_or_the_same(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    if name == "a.zarr":
+        put(path)
+    else:
+        store.write_model(path, MODEL, {"epochs": 3})
+    right = read(path)
+    files = sorted(file for file in path.rglob("*") if file.is_file()) or [path]
     rng = np.random.default_rng(0)
     refused = 0
     for i in range(TRIES):
         file = files[i % len(files)]
-        before = turn_a_bit(file, rng)
+        before = file.read_bytes()
+        damaged = bytearray(before)
+        damaged[rng.integers(len(damaged))] ^= 1 << int(rng.integers(8))
+        file.write_bytes(damaged)
         try:
-            artifact = store.read(path, Things)
-            assert artifact.attrs == {"kind": "things", "version": 3, "grain_m": 0.005}
-            for name, rows in COLUMNS.items():
-                np.testing.assert_array_equal(artifact.load(name), rows)
+            assert read(path) == right
         except ArtifactError:
             refused += 1
         file.write_bytes(before)
-    assert refused > 0.8 * TRIES
+    assert refused > 0.8 * TRIES  # a zip has fields that nobody reads, such as dates
 
 
 def test_a_lost_file_is_an_error_and_no_zeros(tmp_path: Path) -> None:
@@ -79,23 +87,3 @@ def test_writers_in_threads_each_write_all_their_zeros(tmp_path: Path) -> None:
         list(pool.map(lambda i: put(tmp_path / f"{i}.zarr", **zeros), range(40)))
     assert len({frozenset(contents(tmp_path / f"{i}.zarr").items()) for i in range(40)}) == 1
     assert (tmp_path / "0.zarr/heights/c.0").is_file()
-
-
-def test_a_model_with_a_turned_bit_is_refused_or_the_same(tmp_path: Path) -> None:
-    store.write_model(path := tmp_path / "a.zarr.zip", MODEL, {"epochs": 3})
-    rng = np.random.default_rng(0)
-    refused = 0
-    for _ in range(TRIES):
-        before = turn_a_bit(path, rng)
-        try:
-            model = store.read_model(path)
-            assert store.read_recipe(path) == {"epochs": "3"}
-            assert model.keys() == MODEL.keys()
-            assert all(
-                model[name].dtype == array.dtype and np.array_equal(model[name], array)
-                for name, array in MODEL.items()
-            )
-        except ArtifactError:
-            refused += 1
-        path.write_bytes(before)
-    assert refused > 0.8 * TRIES  # a zip has fields that nobody reads, such as dates

@@ -559,7 +559,7 @@ def nclt(served: Served, tmp_path: Path) -> Served:
     return served
 
 
-def test_a_date_is_fetched_unpacked_and_read(nclt: Served, tmp_path: Path) -> None:
+def test_a_date_is_fetched_unpacked_and_read_and_fetched_once(nclt: Served, tmp_path: Path) -> None:
     nclt.answers = [usual, says(503), usual, drops(10 * CHUNK), drops(10 * CHUNK)]
     root = tmp_path / "root"
     lines = fetch(nclt, root, DATE)
@@ -584,12 +584,8 @@ def test_a_date_is_fetched_unpacked_and_read(nclt: Served, tmp_path: Path) -> No
         f"{DATE}_vel.tar.gz.sha256",
         f"groundtruth_{DATE}.csv.sha256",
     ]
-
-
-def test_a_second_call_fetches_nothing(nclt: Served, tmp_path: Path) -> None:
-    fetch(nclt, tmp_path / "root", DATE, DATE)
-    nclt.seen.clear()
-    lines = fetch(nclt, tmp_path / "root", DATE)
+    nclt.seen.clear()  # a second call fetches nothing, of a date that is named twice neither
+    lines = fetch(nclt, root, DATE, DATE)
     assert [line.split(": ")[1] for line in lines] == ["here already"] * 3
     assert nclt.seen == []
 

@@ -98,19 +98,23 @@ EXPECTED = {
     "author_code": JOINT | PRIOR | {"image_cycle": CYCLES["image_cycle"]},
     "both_fakes": JOINT | BOTH | CYCLES,
 }
+JOINTS = {"least_squares": JOINT, "bce": LOGISTIC, "paper": MINIMAX}
 AFL = OBJECTIVES["least_squares"].joint_alone()
 
 
-@pytest.mark.parametrize("name", OBJECTIVES)
-def test_each_objective_has_its_terms(name: str) -> None:
-    assert toy(OBJECTIVES[name]) == pytest.approx(EXPECTED[name], rel=1e-6)
-
-
 @pytest.mark.parametrize(
-    ("name", "expected"), [("least_squares", JOINT), ("bce", LOGISTIC), ("paper", MINIMAX)]
+    ("objective", "expected"),
+    [
+        *((OBJECTIVES[name], terms) for name, terms in EXPECTED.items()),
+        *((OBJECTIVES[name].joint_alone(), terms) for name, terms in JOINTS.items()),
+    ],
+    ids=[*EXPECTED, *(f"{name}, joint alone" for name in JOINTS)],
 )
-def test_afl_is_the_joint_game_alone_at_any_cost(name: str, expected: dict[str, float]) -> None:
-    assert toy(OBJECTIVES[name].joint_alone()) == pytest.approx(expected, rel=1e-6)
+def test_each_objective_has_its_terms_and_afl_is_the_joint_game_alone(
+    objective: Objective, expected: dict[str, float]
+) -> None:
+    assert toy(objective) == pytest.approx(expected, rel=1e-6)
+    assert EXPECTED.keys() == OBJECTIVES.keys()
 
 
 def small(objective: Objective, seed: int = 0) -> Game:

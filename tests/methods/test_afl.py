@@ -1,12 +1,9 @@
 """Tests that AFL is PFL without the terms that stabilise it."""
 
-from dataclasses import fields
-
 import numpy as np
 
 from pipeline.core.progress import Progress
 from pipeline.methods.pfl.afl import Afl
-from pipeline.methods.pfl.pfl import Pfl
 from tests.matching.made import along
 
 
@@ -21,11 +18,3 @@ def test_it_learns_by_the_joint_game_alone() -> None:
     health |= {"code_distance"}
     assert terms == {"joint_discriminator", "joint_generator"} | health
     assert model["codes"].shape == (6, 8, 512)
-
-
-def test_it_has_pfls_settings_and_default_objective() -> None:
-    ours, theirs = (
-        {field.name: field.default for field in fields(method)} for method in (Afl, Pfl)
-    )
-    assert ours["objective"] == "least_squares"
-    assert ours == theirs

@@ -126,16 +126,6 @@ def test_novelty_is_between_zero_and_one_and_higher_for_unknown_scenes(
     assert (np.median(unknown.novelty, axis=0) > np.median(ranking.novelty, axis=0)).all()
 
 
-@pytest.mark.parametrize(
-    ("budget", "every_m", "epochs"), [(0.25, 10.0, 4), (0.001, 10.0, 1), (0.125, 1000.0, 2)]
-)
-def test_a_budget_is_a_share_of_the_epochs_and_a_path_too_short_for_blocks_is_learned_too(
-    budget: float, every_m: float, epochs: int
-) -> None:
-    method = replace(SMALL, held_out_every_m=every_m)
-    assert len(method.learn(rows(2), TRUTH, Progress(budget=budget))["curves/loss"]) == epochs
-
-
 @pytest.mark.parametrize("n_way", [0, 5, 7, 48, -2])
 def test_ways_that_do_not_divide_the_sectors_are_a_config_error(n_way: int) -> None:
     with pytest.raises(ConfigError, match=f"n_way={n_way}"):
@@ -151,9 +141,3 @@ def test_held_out_queries_look_newer_once_their_surroundings_are_forgotten(model
         assert (evidence.unseen[kind] > evidence.seen[kind]).mean() > 0.9
     for threshold, _ in Rejection(wanted_precision=0.5).thresholds(model, KINDS):
         assert threshold > ACCEPT_NOTHING
-
-
-@pytest.mark.parametrize("colormap", ["jet", "grey"])
-def test_grey_images_are_learned_too(colormap: str) -> None:
-    learned = replace(SMALL, colormap=colormap, epochs=2).learn(rows(2), TRUTH, Progress())  # type: ignore[arg-type]
-    assert learned["net/features.0.weight"].shape[1] == {"jet": 3, "grey": 1}[colormap]

@@ -214,13 +214,6 @@ def test_done_work_leaves_no_checkpoint_of_any_part(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_path_too_short_for_blocks_is_learned_all_the_same() -> None:
-    short = replace(SMALL, held_out_every_m=1000.0, colormap="grey")
-    learned = short.learn(rows(2), TRUTH, Progress(budget=0.05))
-    assert len(learned["curves/loss"]) == 1
-    assert learned["net/features.0.weight"].shape[1] == 1
-
-
 def test_views_of_another_shape_are_refused() -> None:
     with pytest.raises(InputError, match="multiple of 8 sectors"):
         SMALL.learn(replace(rows(3), images=rows(3).images[:, :, :36]), TRUTH, Progress())

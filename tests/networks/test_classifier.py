@@ -44,6 +44,19 @@ def test_every_training_view_needs_its_place(method: Classifier, places: np.ndar
 
 
 @BOTH
+@pytest.mark.parametrize(
+    ("budget", "every_m", "epochs"), [(0.25, 10.0, 1), (0.001, 10.0, 1), (0.5, 1000.0, 2)]
+)
+def test_a_budget_is_a_share_of_the_epochs_a_path_may_be_too_short_for_blocks_and_images_grey(
+    method: Classifier, budget: float, every_m: float, epochs: int
+) -> None:
+    grey = replace(method, held_out_every_m=every_m, colormap="grey")
+    model = grey.learn(rows(), TRUTH, Progress(budget=budget))
+    assert len(model["curves/loss"]) == epochs
+    assert model["net/features.0.weight"].shape[1] == 1
+
+
+@BOTH
 def test_answers_are_as_precise_as_training(method: Classifier) -> None:
     """Coarse numbers move costs a little, and fine ones are not the same."""
     model = method.learn(rows(), TRUTH, Progress())

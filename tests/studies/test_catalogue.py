@@ -1,7 +1,5 @@
 """The catalogue says what each method is, for `yearloc methods`, the front pages and the report."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -69,14 +67,3 @@ def test_brackets_are_the_source_wherever_they_stand(
     module.unlink()
     with pytest.raises(ConfigError, match=r"own.one.One: no .*one\.py"):
         entries(tmp_path / "conf")
-
-
-def test_no_method_is_imported_to_be_described() -> None:
-    code = (
-        "import sys; from pipeline.studies.catalogue import entries; entries(); print({'torch', "
-        "'numpy'} & sys.modules.keys())"
-    )
-    listing = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
-    )
-    assert listing.stdout.strip() == "set()"
