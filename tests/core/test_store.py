@@ -124,15 +124,6 @@ def test_rows_appended_in_blocks_give_the_bytes_of_rows_put_at_once(
     assert contents(tmp_path / "streamed.zarr") == contents(tmp_path / "whole.zarr")
 
 
-def test_two_writes_give_the_same_files(tmp_path: Path) -> None:
-    put(tmp_path / "a.zarr")
-    put(tmp_path / "b.zarr")
-    assert contents(tmp_path / "a.zarr") == contents(tmp_path / "b.zarr")
-    assert (
-        len(contents(tmp_path / "a.zarr")) <= 12
-    )  # a handful of files: four of metadata, three shards of points, …
-
-
 def test_an_artifact_may_have_no_rows(tmp_path: Path) -> None:
     put(
         tmp_path / "a.zarr",

@@ -55,42 +55,6 @@ def literals(data: bytes) -> bytes:
     return packed
 
 
-def squeezed(data: bytes) -> bytes:
-    """LZF that copies wherever three bytes or more were seen within the last 8,192."""
-    packed = b""
-    run = b""  # bytes that were not seen before
-    at = 0
-    while at < len(data):
-        distance = seen_before(data, at)
-        if not distance:
-            run += data[at : at + 1]
-            at += 1
-            continue
-        length = 3
-        while (
-            length < 264
-            and at + length < len(data)
-            and data[at + length] == data[at + length - distance]
-        ):
-            length += 1
-        high, low = divmod(distance - 1, 256)
-        size = [length - 2 << 5 | high] if length < 9 else [7 << 5 | high, length - 9]
-        packed += literals(run) + bytes([*size, low])
-        run = b""
-        at += length
-    return packed + literals(run)
-
-
-def seen_before(data: bytes, at: int) -> int:
-    """How far back the next three bytes stand as well, at most 8,192; 0 if they do not."""
-    if at + 3 > len(data):
-        return 0
-    for start in range(max(0, at - 8192), at):
-        if data[start : start + 3] == data[at : at + 3]:
-            return at - start
-    return 0
-
-
 def written(points: NDArray[np.float32], data: str) -> bytes:
     """A PCD of points x, y, z with an intensity of 7; `data` is its form."""
     table = np.column_stack([points, np.full(len(points), 7, np.float32)]).astype("<f4")
@@ -100,7 +64,7 @@ def written(points: NDArray[np.float32], data: str) -> bytes:
     if data == "binary":
         return head.encode() + table.tobytes()
     columns = table.T.tobytes()
-    return compressed(columns, squeezed(columns), head)
+    return compressed(columns, literals(columns), head)
 
 
 def test_lines_of_numbers_are_points() -> None:

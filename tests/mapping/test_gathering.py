@@ -18,7 +18,6 @@ from pipeline.mapping.submaps import Accumulated
 from pipeline.views.draw import Drawing
 from tests.artifacts import write_scans
 
-GRAIN_M = 0.005
 NAN4 = np.full((4, 4), np.nan)
 
 
@@ -51,18 +50,6 @@ def test_older_scans_lie_behind_in_the_newest_ones_frame(tmp_path: Path) -> None
     one, other = gathered(artifact, cut(artifact))
     np.testing.assert_allclose(one, [[-2, 5, 1], [-1, 5, 1], [0, 5, 1]], atol=1e-9)
     np.testing.assert_allclose(other, one, atol=1e-9)
-
-
-def test_a_submap_turns_with_its_anchor(tmp_path: Path) -> None:
-    # Two metres along +x, then a quarter turn to the left on the spot: what was behind is to the
-    # right.
-    turned = pose(
-        np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0.0]]),
-        np.array([[0, 0, 0], [0, 0, 0], [0, 0, np.pi / 2]]),
-    )
-    artifact = scans(tmp_path, [np.zeros((1, 3))] * 3, turned)
-    (points,) = gathered(artifact, cut(artifact))
-    np.testing.assert_allclose(points, [[0, 2, 0], [0, 1, 0], [0, 0, 0]], atol=1e-9)
 
 
 def test_the_ground_is_a_percentile_of_the_heights_around_the_anchor(tmp_path: Path) -> None:

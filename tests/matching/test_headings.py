@@ -38,15 +38,6 @@ def test_reference_headings_are_even_ones_evenly_around_the_circle() -> None:
     assert np.arange(3)[reference_headings(3, 1)].tolist() == [0]
 
 
-def test_the_order_of_the_headings_changes_nothing_but_their_numbers() -> None:
-    codes, queries = random_codes(20, 5)
-    distances, headings = nearest_heading(codes, queries)
-    turned, turned_headings = nearest_heading(np.roll(codes, 2, axis=1), queries)
-    np.testing.assert_allclose(turned, distances, rtol=1e-6)
-    np.testing.assert_array_equal(turned_headings, (headings + 2) % 8)
-    assert (nearest_heading(codes[:, :3], queries)[0] >= distances * (1 - 1e-5)).all()
-
-
 def test_codes_that_lie_close_together_far_from_zero_are_told_apart() -> None:
     # As a collapsed network's do: lengths of 570, distances of about 0.8.
     codes, queries = random_codes(30, 6)

@@ -5,13 +5,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.matching.holdout import blocks, numbered
+from tests.matching import made
 
 
-def along(n: int, step_m: float = 1.0) -> np.ndarray:
-    """Poses (n, 4, 4) every `step_m` along x."""
-    poses = np.tile(np.eye(4), (n, 1, 1))
-    poses[:, 0, 3] = step_m * np.arange(n)
-    return poses
+def along(n: int) -> np.ndarray:
+    """Poses (n, 4, 4), a metre apart along x."""
+    return made.along(np.empty(n)).world_T_anchor
 
 
 def test_one_block_in_every_stretch_of_the_path_along_its_bends_is_held_out() -> None:

@@ -225,25 +225,6 @@ def chosen(
     )
 
 
-@pytest.mark.parametrize(
-    ("precision", "accepted"),
-    [
-        (1.0, 2),  # right, right
-        (0.7, 4),  # right, right, wrong, right: 3 of 4
-        (0.6, 5),  # 3 of 5
-        (0.5, 6),  # 3 of 6
-        (0.0, 6),
-    ],
-)
-def test_the_largest_threshold_that_keeps_the_precision_is_chosen(
-    precision: float, accepted: int
-) -> None:
-    novelty = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
-    right = [1, 1, 0, 1, 0, 0]
-    threshold = chosen(precision, novelty, right)
-    assert (np.array(novelty) < threshold).sum() == accepted
-
-
 def test_precision_may_dip_and_recover_and_equal_novelties_are_accepted_together_in_any_order() -> (
     None
 ):
@@ -271,14 +252,11 @@ def test_a_query_counts_as_often_as_it_weighs() -> None:
     assert chosen(0.8, [0.1, 0.2], [1, 0]) <= 0.2
 
 
-@given(
-    st.lists(
-        st.tuples(st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0]), st.booleans()),
-        min_size=1,
-        max_size=12,
-    ),
-    st.floats(0.05, 1),
-)
+NOVELTIES = st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0])
+QUERIES = st.lists(st.tuples(NOVELTIES, st.booleans()), min_size=1, max_size=12)
+
+
+@given(QUERIES, st.floats(0.05, 1))
 @settings(max_examples=60)
 def test_what_is_said_to_be_kept_is_kept_and_no_larger_threshold_keeps_it(
     queries: list[tuple[float, bool]], wanted: float
@@ -297,14 +275,7 @@ def test_what_is_said_to_be_kept_is_kept_and_no_larger_threshold_keeps_it(
         assert right[novelty <= larger].sum() / ((novelty <= larger).sum() + 1) < bound + 1e-9
 
 
-@given(
-    st.lists(
-        st.tuples(st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0]), st.booleans()),
-        min_size=1,
-        max_size=12,
-    ),
-    st.floats(0.05, 1),
-)
+@given(QUERIES, st.floats(0.05, 1))
 @settings(max_examples=60)
 def test_no_larger_threshold_keeps_the_precision(
     queries: list[tuple[float, bool]], precision: float

@@ -13,6 +13,7 @@ from pipeline.matching.database import Database
 from pipeline.matching.ranking import Ranking, Rows
 from pipeline.matching.rejection import Rejection
 from pipeline.matching.sequences import SequenceMethod
+from tests.matching.made import along
 
 ROWS = 120
 LOOKS = np.random.default_rng(0).normal(size=(ROWS, 16))
@@ -21,10 +22,7 @@ LOOKS = np.random.default_rng(0).normal(size=(ROWS, 16))
 
 def path(n: int = ROWS, step_m: float = 2.0) -> Rows:
     """Rows every `step_m` along x, of a robot that looks to the left."""
-    poses = np.tile(np.eye(4), (n, 1, 1))
-    poses[:, :2, :2] = [[0, -1], [1, 0]]
-    poses[:, 0, 3] = step_m * np.arange(n)
-    return Rows(np.empty((n, 0)), np.arange(n), poses)
+    return along(np.empty((n, 0)), step_m, yaw_deg=90.0)
 
 
 def database(n: int = ROWS) -> Database:

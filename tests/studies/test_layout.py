@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.core import store
-from pipeline.studies.layout import LEVELS, Layout
+from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
 
 LAYOUT = Layout(Path("artifacts"))
@@ -33,11 +32,6 @@ LAYOUT = Layout(Path("artifacts"))
 )
 def test_an_artifact_lies_below_its_kind_and_data_set(names: tuple[str, ...], path: str) -> None:
     assert LAYOUT.path(*names) == Path("artifacts", path)
-
-
-def test_a_model_ends_as_the_store_writes_it() -> None:
-    assert LAYOUT.path("train", "campus", "10m", "sci").name == f"sci{store.MODEL}"
-    assert all(levels[0] == "dataset" for levels in LEVELS.values())
 
 
 def test_answers_lie_with_the_stage_that_gave_them() -> None:

@@ -2,19 +2,16 @@
 
 import hashlib
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
 from pipeline.core import frames
 from pipeline.core.errors import InputError
 from pipeline.mapping.octree import Octree
 from pipeline.views.birdview import BirdView
 
-ROOT = Path(__file__).parents[2]
 VIEW = BirdView(Octree(edge_m=32.0, depth=6, motion="none"), side_px=32, jitter_m=0.0)
 """Pixels of a metre over leaves of half a metre: at heading 0 a pixel is four columns."""
 
@@ -255,14 +252,3 @@ def test_points_alone_make_a_view() -> None:
     assert not VIEW(np.empty((0, 3))).any()
     with pytest.raises(InputError, match="NaN"):
         VIEW(np.full((4, 3), np.nan))
-
-
-@pytest.mark.parametrize(
-    ("name", "edge_m", "height_m"), [("birdview", 50.0, 1.73), ("birdview_30m", 30.0, 0.957)]
-)
-def test_its_yaml_makes_the_papers_map(name: str, edge_m: float, height_m: float) -> None:
-    conf = yaml.safe_load((ROOT / f"conf/view/{name}.yaml").read_text())
-    assert conf.pop("_target_") == "pipeline.views.birdview.BirdView"
-    view = BirdView(**conf)
-    assert view == BirdView(Octree(edge_m=edge_m, sensor_height_m=height_m))
-    assert conf["octree"] == vars(view.octree)

@@ -25,20 +25,6 @@ def test_heights_have_the_authors_colours(height_m: float, rgb: tuple[int, int, 
     assert tuple(colorize(np.array([[height_m]], np.float32))[0, 0].tolist()) == rgb
 
 
-def test_jet_of_eight_is_matlabs() -> None:
-    rows = [
-        (0, 0, 1),
-        (0, 0.5, 1),
-        (0, 1, 1),
-        (0.5, 1, 0.5),
-        (1, 1, 0),
-        (1, 0.5, 0),
-        (1, 0, 0),
-        (0.5, 0, 0),
-    ]
-    np.testing.assert_array_equal(jet(8), rows)
-
-
 def test_jet_of_255_rises_and_falls_where_matlabs_does() -> None:
     # 1-based: red from 97 to the end, green from 33 to 223, blue to 159; the first entry is (0, 0,
     # 0.515625).

@@ -57,13 +57,6 @@ def cloud(seed: int, n: int, dtype: type = np.float64) -> np.ndarray:
     return (rng.normal(0, (9, 5, 2), (n, 3)) * far + rng.uniform(-50, 50, 3)).astype(dtype)
 
 
-def turned(points: np.ndarray, yaw_rad: float) -> np.ndarray:
-    """Points (n, 3) turned about z."""
-    c = np.cos(yaw_rad)
-    s = np.sin(yaw_rad)
-    return points @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T
-
-
 def test_the_authors_numbers() -> None:
     planes, bins = np.split(M2dp()(AUTHORS), [64])
     np.testing.assert_allclose(
@@ -90,12 +83,6 @@ def test_the_signature_is_the_first_singular_pair() -> None:
         [np.linalg.norm(signature[:64]), np.linalg.norm(signature[64:])], 1, atol=1e-6
     )
     assert (signature >= 0).all()
-
-
-def test_a_turned_and_moved_sensor_sees_the_same() -> None:
-    np.testing.assert_allclose(
-        M2dp()(turned(AUTHORS, 0.7) + np.array([3, -2, 1])), M2dp()(AUTHORS), atol=1e-6
-    )
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

@@ -119,38 +119,6 @@ def test_points_are_averaged_in_cubes_first() -> None:
     assert not ScanContext(voxel_m=0.5, min_points=5)(column).any()
 
 
-def test_beyond_the_range_points_are_clamped_or_dropped() -> None:
-    # 80 m is the end of the last ring, which starts at 78 m.
-    points = np.array([[80.0, -0.1, 3.0], [0.0, 500.0, 4.0], [-78.0, 0.0, 5.0], [0.0, -77.9, 6.0]])
-    kept = ScanContext(beyond="last_ring", **RAW)(points)  # type: ignore[arg-type]
-    assert [kept[39, 119], kept[39, 29], kept[39, 59], kept[38, 89]] == [3, 4, 5, 6]
-    dropped = ScanContext(beyond="drop", **RAW)(points)  # type: ignore[arg-type]
-    assert [dropped[39, 119], dropped[39, 29], dropped[39, 59], dropped[38, 89]] == [0, 0, 5, 6]
-
-
-@pytest.mark.parametrize("k", [1, 30, 60, 119])
-def test_turning_the_cloud_by_sectors_rolls_the_columns(k: int) -> None:
-    rng = np.random.default_rng(3)
-    theta = np.deg2rad(
-        3 * rng.integers(0, 120, 3000) + rng.uniform(0.01, 2.99, 3000)
-    )  # away from the sectors' borders
-    r = 2 * rng.integers(0, 40, 3000) + rng.uniform(0.01, 1.99, 3000)
-    z = rng.uniform(-2, 15, 3000)
-    turned = theta + np.deg2rad(3 * k)
-    view = ScanContext(voxel_m=0.0, min_points=2)
-    image, rolled = (
-        view(np.column_stack([r * np.cos(a), r * np.sin(a), z])) for a in (theta, turned)
-    )
-    assert np.count_nonzero(image) > 100
-    np.testing.assert_array_equal(rolled, np.roll(image, k, axis=1))
-
-
-def test_the_order_of_the_points_does_not_matter() -> None:
-    points = cloud(4, np.float64)
-    view = ScanContext(**RAW)  # type: ignore[arg-type]
-    np.testing.assert_array_equal(view(points), view(points[::-1]))
-
-
 @pytest.mark.parametrize("voxel_m", [0.0, 0.5])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("at", [(0, 0), (700, 1), (1999, 2)])
