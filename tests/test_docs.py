@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
 import yaml
 from typer.main import get_command
 
@@ -169,41 +168,11 @@ def test_messages_of_the_code_are_those_of_troubleshooting() -> None:
     assert same, "`python -m tests.messages` writes docs/troubleshooting.md"
 
 
-def test_a_message_whose_words_change_keeps_what_is_said_of_it() -> None:
-    table = "| message | what it means, what to do |\n|---|---|\n"
-    page = f"# Page\n\n{table}| `…: no such file`<br>`gone` | Look. |\n| `gone too` | No. |\n"
-    code = """
-raise ValueError(f"{path}: no such files")
-found.warn(wrong, "new here, " "and alone")
-"""
-    assert messages.written(page, {"made.up": code}) == (
-        f"# Page\n\n{table}| `…: no such files` | Look. |\n"
-        f"{messages.OTHERS}| `new here, and alone` | made.up |\n"
-    )
-
-
 def test_the_table_of_contents_has_every_page_and_no_other() -> None:
     site = yaml.safe_load((ROOT / "mkdocs.yml").read_text())
     listed = re.findall(r"[\w/-]+\.md", str(site["nav"]))
     assert len(listed) == len(set(listed))
     assert {*listed} == {str(page.relative_to(ROOT / "docs")) for page in DOCS}
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        "yearloc lose",
-        "yearloc localize a.site b --jsn",
-        "yearloc use campus worlds=demo",
-        "yearloc use nclt root=/none seed=3",
-        "yearloc results --where methods=sci",
-        "make love",
-        "python -m stages.swept",
-    ],
-)
-def test_a_command_that_there_is_not_is_noticed(line: str) -> None:
-    with pytest.raises((AssertionError, typer.TyperException, ConfigError)):
-        check(line.split())
 
 
 def test_commands_can_be_typed() -> None:

@@ -10,11 +10,10 @@ import numpy as np
 
 from pipeline.formats.nclt import TRUTH
 from tests.worlds.helpers import FLAT, record, refused
-from worlds.driving.day import extinction_per_m
 from worlds.driving.drive import SEGWAY, drive, survey
 from worlds.driving.lidar import hdl32
 from worlds.driving.scene import build_scene
-from worlds.layout.shapes import BOX, CROWN, CYLINDER, Kind, Species, records
+from worlds.layout.shapes import BOX, CROWN, CYLINDER, Kind, records
 from worlds.simulation import Simulation
 
 
@@ -48,13 +47,6 @@ def test_parts_of_a_wall_stand_out_of_it_and_are_the_same_in_every_scan():
     assert 0.12 < first[:, 1].std() < 0.18
     assert np.array_equal(first, second)
     assert len(np.unique((first[:, 1] / np.linalg.norm(first, axis=1)).round(6))) < len(first)
-
-
-def test_bare_trees_may_be_denser_and_evergreens_stay_as_they_are():
-    species = np.array([Species.DECIDUOUS, Species.CONIFER, Species.SOLID])
-    winter = date(2012, 1, 15)
-    assert extinction_per_m(species, winter).tolist() == [0.06, 1.1, 0.0]
-    assert extinction_per_m(species, winter, 0.15).tolist() == [0.15, 1.1, 0.0]
 
 
 def test_the_surveyed_path_wanders_smoothly_about_the_driven_one():

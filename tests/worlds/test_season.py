@@ -26,7 +26,9 @@ def test_leaves_come_in_spring_and_fall_in_autumn(day: date, share: float):
     assert foliage(day) == pytest.approx(share)
 
 
-def test_conifers_keep_their_needles():
+def test_conifers_keep_their_needles_and_bare_trees_may_be_denser():
     species = np.array([Species.DECIDUOUS, Species.CONIFER, Species.HEDGE, Species.SOLID])
-    assert extinction_per_m(species, date(2012, 1, 15)) == pytest.approx([0.06, 1.1, 0.5, 0.0])
+    winter = date(2012, 1, 15)
+    assert extinction_per_m(species, winter) == pytest.approx([0.06, 1.1, 0.5, 0.0])
+    assert extinction_per_m(species, winter, 0.15) == pytest.approx([0.15, 1.1, 0.5, 0.0])
     assert extinction_per_m(species, date(2012, 8, 20)) == pytest.approx([0.91, 1.1, 2.0, 0.0])
