@@ -24,6 +24,7 @@ TRAIN_XY_M = np.stack([np.linspace(0, 100, 50), np.zeros(50)], axis=1)
 TRAIN_PLACES = np.repeat(np.arange(10), 5)
 """Ten places of five submaps each, 2.04 m apart."""
 PLACES = np.array([1, 2, 3, 4, 5, -1, -1])
+XY_M = np.array([(0, 0), (10, 0), (20, 0), (30, 0), (40, 0), (40, 100), (40, 120)], float)
 BOOTSTRAP = Bootstrap(block_m=15.0, resamples=40)
 
 
@@ -33,6 +34,7 @@ def evaluation(
     threshold: float = 0.5,
     wrong: Sequence[int] = (),
     heading_deg: float = np.nan,
+    xy_m: np.ndarray = XY_M,
 ) -> Evaluation:
     """Seven queries, the last two unseen, with two kinds of novelty.
 
@@ -41,10 +43,9 @@ def evaluation(
     9 of 10 pairs of seen and unseen right, energy all. The queries of `wrong` are placed 200 m off
     as well.
     """
-    xy_m = np.array([(0, 0), (10, 0), (20, 0), (30, 0), (40, 0), (40, 100), (40, 120)], float)
     answers_xy_m = np.stack([xy_m + np.array([off, 0.0]) for off in (1.0, 300.0)], axis=1)
-    answers_xy_m[[2, *wrong], 0, 0] = xy_m[[2, *wrong], 0] + 200.0
     answers_xy_m[3, 0, 0] = xy_m[3, 0] + 6.0
+    answers_xy_m[[2, *wrong], 0, 0] = xy_m[[2, *wrong], 0] + 200.0
     answered = np.array([[1, 2], [2, 3], [9, 3], [5, 4], [5, 1], [1, 2], [1, 2]])
     answered[list(wrong), 0] = 9
     cost = np.array([0.05, 0.75, 0.15, 0.25, 0.05, 0.45, 0.95], np.float32)
