@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.cli import main
 from pipeline.core.frames import distance_and_turn
 from pipeline.online.example import FOLDER, SITE, scans
 from pipeline.online.site import Site
+from tests.commands import Command
 
 ROOT = Path(__file__).parents[2]
 LARGEST_BYTES = 5e6
@@ -37,18 +37,13 @@ def test_the_learned_place_is_accepted_and_right_and_the_one_outside_the_map_is_
     assert away_m[0] < 2.0
     assert turn_deg[0] < 5.0
     assert site.localize(elsewhere.points_m()).verdict in ("rejected", "no pose")
-    of_changed = site.localize(changed.points_m())
-    away_m, turn_deg = distance_and_turn(
-        of_changed.world_T_sensor[None], changed.world_T_scan[None]
-    )
-    assert of_changed.verdict != "accepted" or (away_m[0] < 2.0 and turn_deg[0] < 5.0)
+    fix = site.localize(changed.points_m())
+    away_m, turn_deg = distance_and_turn(fix.world_T_sensor[None], changed.world_T_scan[None])
+    assert fix.verdict != "accepted" or (away_m[0] < 2.0 and turn_deg[0] < 5.0)
 
 
-def test_the_command_prints_verdict_pose_chance_and_error_of_each_scan(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    main(["example"])
-    text = capsys.readouterr().out
+def test_the_command_prints_verdict_pose_chance_and_error_of_each_scan(yearloc: Command) -> None:
+    text, _ = yearloc.run("example")
     assert "simulated" in text.splitlines()[0]
     first, *others = text.split("\n\n")[1:]
     assert len(others) == 2

@@ -99,10 +99,8 @@ def test_the_sweeps_of_a_log_are_gathered_and_localised(
     assert len(rows) == 25
     assert len(accepted) >= 20
     for number in accepted:
-        away = np.hypot(
-            rows[number]["x"] - truth[number][0, 3], rows[number]["y"] - truth[number][1, 3]
-        )
-        assert away < 0.3
+        x_m, y_m = truth[number][:2, 3]
+        assert np.hypot(rows[number]["x"] - x_m, rows[number]["y"] - y_m) < 0.3
     assert "0 are over 1 m or 10° off" in summary
 
 
@@ -310,10 +308,8 @@ def test_no_pose_of_another_building_s_sweeps_is_accepted(hall: Path) -> None:
 
 def test_a_training_day_of_level_sweeps_is_packed(tmp_path: Path, yearloc: Command) -> None:
     sweeps = drive(step_m=1.0)
-    flat = [
-        np.column_stack([sweeps.points(row), np.full(len(sweeps.points(row)), 7.0)])
-        for row in range(len(sweeps.world_T_sweep))
-    ]
+    hits = [sweeps.points(row) for row in range(len(sweeps.world_T_sweep))]
+    flat = [np.column_stack([points_m, np.full(len(points_m), 7.0)]) for points_m in hits]
     artifacts(tmp_path, flat, sweeps.world_T_sweep)
     scans = store.read(tmp_path / "scans.zarr", schemas.Scans)
     assert Sweeps.of(scans).is_level

@@ -11,6 +11,7 @@ from hydra import compose, initialize_config_dir
 
 import stages.poses
 from pipeline.core import schemas, store
+from pipeline.core.building import target_of
 from pipeline.core.errors import ConfigError, InputError
 from pipeline.core.progress import Progress
 from pipeline.matching.places import label
@@ -59,11 +60,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = made / "views/three/scan_context/monday.zarr"
     write_views(path, schemas.ScanContextViews, images, poses, cases=AS_DRIVEN)
     model = ScanContext50().learn(Rows(images, np.arange(24), poses), labels.places, Progress())
-    recipe = {
-        "_target_": "pipeline.methods.scan_context.ScanContext50",
-        "view": "scan_context",
-        "candidates": 50,
-    }
+    recipe = {"_target_": target_of(ScanContext50()), "view": "scan_context", "candidates": 50}
     store.write_model(made / "train/three/10m/scan_context.zarr.zip", model, recipe)
     return folder
 

@@ -3,6 +3,7 @@
 import importlib.util
 import sys
 from array import array
+from itertools import chain
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -58,20 +59,9 @@ def faked(
     monkeypatch: pytest.MonkeyPatch, site: Path, **parameters: object
 ) -> dict[str, MagicMock]:
     """Put fakes in place of the modules of ROS, with these parameters of the node."""
-    packages = (
-        "rclpy",
-        "rclpy.node",
-        "rclpy.qos",
-        "rclpy.utilities",
-        "tf2_ros",
-        "geometry_msgs",
-        "nav_msgs",
-        "sensor_msgs",
-    )
-    fakes = {
-        name: MagicMock()
-        for name in (*packages, "geometry_msgs.msg", "nav_msgs.msg", "sensor_msgs.msg")
-    }
+    ros = ("rclpy", "rclpy.node", "rclpy.qos", "rclpy.utilities", "tf2_ros")
+    messages = [(name, f"{name}.msg") for name in ("geometry_msgs", "nav_msgs", "sensor_msgs")]
+    fakes = {name: MagicMock() for name in (*ros, *chain(*messages))}
     for name, fake in fakes.items():
         monkeypatch.setitem(sys.modules, name, fake)
     fakes["rclpy.node"].Node.return_value.declare_parameter.side_effect = lambda name, usual: (
@@ -122,11 +112,8 @@ def test_the_node_copies_the_stamp_and_broadcasts_where_the_odometrys_frame_is(
     arrived(cloud)
     ((fix,),) = (call.args for call in node.create_publisher.return_value.publish.call_args_list)
     assert fix.header.stamp is cloud.header.stamp
-    assert (fix.header.stamp.sec, fix.header.stamp.nanosec, fix.header.frame_id) == (
-        1_700_000_000,
-        250_000_000,
-        "map",
-    )
+    assert (fix.header.stamp.sec, fix.header.stamp.nanosec) == (1_700_000_000, 250_000_000)
+    assert fix.header.frame_id == "map"
     ((leads,),) = (
         call.args
         for call in fakes["tf2_ros"].TransformBroadcaster.return_value.sendTransform.call_args_list

@@ -79,9 +79,7 @@ def floats() -> bytes:
 def test_a_scan_of_floats_gets_its_fix(server: Server) -> None:
     found = server.ask(floats()).json()
     assert found["verdict"] == "accepted"
-    assert (
-        server.get("/healthz").json()["unlike"] == []
-    )  # no warnings about the first scan's sensor
+    assert server.get("/healthz").json()["unlike"] == []  # no warnings about the scan's sensor
     assert np.hypot(found["x"] - scan()[1][0, 3], found["y"] - scan()[1][1, 3]) < 0.1
     assert server.ask(floats(), promise="none").json()["verdict"] == "rejected"
     assert server.ask(b"").json()["verdict"] == "no pose"
@@ -154,11 +152,9 @@ def test_hostile_bodies_leave_it_running(server: Server) -> None:
     rng = np.random.default_rng(0)
     whole = bytearray(floats())
     for i in range(60):
-        body = (
-            bytearray(whole[: int(rng.integers(1, 4000)) * 12])
-            if i % 2
-            else bytearray(rng.bytes(int(rng.integers(1, 5000))))
-        )
+        body = bytearray(rng.bytes(int(rng.integers(1, 5000))))
+        if i % 2:
+            body = whole[: int(rng.integers(1, 4000)) * 12]
         for at in rng.integers(len(body), size=20):
             body[at] = rng.integers(256)
         answer = server.ask(bytes(body), FLOATS if i % 4 < 2 else CDR)
@@ -201,9 +197,6 @@ def test_scans_whose_client_has_left_are_dropped(server: Server) -> None:
     for client in (*clients, *fill):
         client.close()
     assert server.ask(floats()).json()["verdict"] == "accepted"
-    (gone,) = [
-        line
-        for line in server.get("/metrics").text.splitlines()
-        if line.startswith('yearloc_refused_total{status="499"}')
-    ]
+    lines = server.get("/metrics").text.splitlines()
+    (gone,) = [line for line in lines if line.startswith('yearloc_refused_total{status="499"}')]
     assert float(gone.split()[1]) >= MOST_WAITING / 2

@@ -38,10 +38,8 @@ def test_a_scan_is_localised(three: Site, row: int) -> None:
     assert fix.place == three.places.at(world_T_robot[None, :2, 3])[0]
     assert fix.overlap > 0.8
     assert fix.ms > 0
-    assert all(
-        np.linalg.norm(one.world_T_sensor[:2, 3] - fix.world_T_sensor[:2, 3]) >= 5
-        for one in fix.runners_up
-    )
+    for other in fix.runners_up:
+        assert np.linalg.norm(other.world_T_sensor[:2, 3] - fix.world_T_sensor[:2, 3]) >= 5
 
 
 def test_another_place_is_rejected_and_too_few_points_have_no_pose(three: Site) -> None:
@@ -70,24 +68,20 @@ def test_the_verdict_is_the_first_belief_that_keeps_the_promise(
 
     Of two poses with e³, 200 m apart, one is right.
     """
-    found = Registered.of(
-        [hypothesis(200 * row, overlap) for row, overlap in enumerate(overlaps)],
-        three.doubt_judge.pose,
-    )
+    hypotheses = [hypothesis(200 * row, overlap) for row, overlap in enumerate(overlaps)]
+    found = Registered.of(hypotheses, three.doubt_judge.pose)
     fix = three.judge(found, 0.99)
     assert fix.verdict == verdict
     assert three.judge(found, None).verdict in ("rejected", "no pose")
-    assert [one.chance for one in fix.runners_up] == pytest.approx(
-        [np.exp(3) / (1 + 2 * np.exp(3))] * (len(overlaps) - 1)
-    )
+    chances = [np.exp(3) / (1 + 2 * np.exp(3))] * (len(overlaps) - 1)
+    assert [other.chance for other in fix.runners_up] == pytest.approx(chances)
 
 
 def test_points_that_are_not_finite_are_dropped(three: Site) -> None:
     points_m, _ = scan()
     bad = np.concatenate([points_m, np.full((9, 3), np.nan), np.full((9, 3), 1e30)])
-    np.testing.assert_array_equal(
-        three.localize(bad).world_T_sensor, three.localize(points_m).world_T_sensor
-    )
+    fixes = [three.localize(points) for points in (bad, points_m)]
+    np.testing.assert_array_equal(*(fix.world_T_sensor for fix in fixes))
 
 
 @pytest.mark.parametrize(
@@ -142,20 +136,14 @@ def test_a_zip_of_something_else_is_refused(
     ("changes", "says"),
     [
         ({"version": 1}, "a site of version 1, this yearloc reads version 5"),
-        (
-            {"method": {"_target_": "os.system"}},
-            "_target_=os.system: expected a class of pipeline.methods",
-        ),
+        ({"method": {"_target_": "os.system"}}, "os.system: expected a class of pipeline.methods"),
         ({"view": {"_target_": "pipeline.views.draw.View"}}, "expected a class of"),
         ({"method": about()["method"] | {"candidates": "many"}}, "method.candidates=many"),
         ({"k": None}, "site.json: not given: k; pack the site anew"),
         ({"verdict": {}}, "site.json: not given: verdict.pose, verdict.place"),
         ({"map": {"grain_m": 1}}, "site.json: not given: map.range_m, map.single; pack"),
         ({"simulated": 1}, "simulated=1: expected true or false"),
-        (
-            {"sensor": SENSOR | {"warnings": "z points"}},
-            "sensor.warnings=z points: expected a list",
-        ),
+        ({"sensor": SENSOR | {"warnings": "z"}}, "sensor.warnings=z: expected a list"),
         ({"sensor": SENSOR | {"warnings": [], "lift_m": True}}, "lift_m=True: expected a number"),
         (
             {"places": {"cell_m": 10.0, "x_m": [5.0, -5.0], "y_m": [0.0, 1.0]}},

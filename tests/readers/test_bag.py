@@ -2,6 +2,7 @@
 
 import sqlite3
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,9 @@ from tests.readers.damage import one_line
 READER = Bag(truth="/truth", odometry="/odom")
 HERE = (0, 0, 0, 0, 0, 0)
 """Extrinsics of a LiDAR in the origin of the body."""
+BY_HAND = Bag(points="/cloud", truth="/pose", body_T_lidar=HERE, max_gap_s=3)
+"""Reads the bags of `by_hand`."""
+OLD_TF_MD5 = "94810edda583a504dfda3829e70d7eec"
 POINT = [[0, 0, 0]]
 """A cloud of one point."""
 
@@ -34,12 +38,9 @@ def test_what_is_written_is_read(tmp_path: Path, kind: str) -> None:
     log = READER.open(tmp_path, "drive")
     assert log.stamps_ns.tolist() == [START_NS + STEP_NS // 2 + i * STEP_NS for i in range(4)]
     # Clouds come half-way between the poses at i and i + 1 metres.
-    np.testing.assert_allclose(
-        log.world_T_scan[:, :3, 3], [[i + 0.5, 0, 0] for i in range(4)], atol=1e-6
-    )
-    np.testing.assert_allclose(
-        log.odom_T_scan[:, :3, 3], [[100.5 + i, 0, 0] for i in range(4)], atol=1e-6
-    )
+    halfway_m = np.array([[i + 0.5, 0, 0] for i in range(4)])
+    np.testing.assert_allclose(log.world_T_scan[:, :3, 3], halfway_m, atol=1e-6)
+    np.testing.assert_allclose(log.odom_T_scan[:, :3, 3], np.add(halfway_m, (100, 0, 0)), atol=1e-6)
     # The LiDAR looks left from (0.5, 0, 1.5): its x is the body's y, its y the body's −x.
     for row in (3, 0, 2, 1):
         np.testing.assert_allclose(log.points(row), [[0.5, row, 1.5], [-1.5, 1, 4.5]], atol=1e-6)
@@ -51,26 +52,20 @@ def test_what_is_written_is_read(tmp_path: Path, kind: str) -> None:
     ("make", "suffix", "big"),
     [
         (by_hand.ros1, "bag", ()),
-        *(
-            (make, make.__name__, (big,))
-            for make in (by_hand.mcap, by_hand.db3)
-            for big in (False, True)
-        ),
+        *((by_hand.mcap, "mcap", (big,)) for big in (False, True)),
+        *((by_hand.db3, "db3", (big,)) for big in (False, True)),
     ],
 )
 def test_bags_laid_out_by_hand_are_read(
     tmp_path: Path, make: Callable[..., Path], suffix: str, big: tuple[bool, ...]
 ) -> None:
     make(tmp_path / f"drive.{suffix}", *big)
-    log = Bag(points="/cloud", truth="/pose", body_T_lidar=HERE, max_gap_s=3, lift_m=0.25).open(
-        tmp_path, "drive"
-    )
+    log = replace(BY_HAND, lift_m=0.25).open(tmp_path, "drive")
     assert log.stamps_ns.tolist() == [10_500_000_000, 11_000_000_000]
     np.testing.assert_allclose(log.world_T_scan[:, :3, 3], [[2.5, 0, 0], [5, 0, 0]], atol=1e-12)
     np.testing.assert_allclose(yaw(log.world_T_scan), np.pi / 2)
-    np.testing.assert_allclose(
-        np.concatenate([log.points(0), log.points(1)]), [[1, 2, 3.25], [4, 5, 6.25]]
-    )
+    points_m = np.concatenate([log.points(0), log.points(1)])
+    np.testing.assert_allclose(points_m, [[1, 2, 3.25], [4, 5, 6.25]])
     assert np.isnan(log.odom_T_scan).all()
 
 
@@ -190,14 +185,11 @@ def test_messages_without_stamps_are_placed_by_their_receipt(tmp_path: Path) -> 
     by_hand.db3(tmp_path / "drive.db3")
     with sqlite3.connect(tmp_path / "drive.db3") as base:
         for stamp, numbers in stamps.items():
-            unstamped = by_hand.cdr_cloud if stamp in by_hand.CLOUDS else by_hand.cdr_pose
-            base.execute(
-                "UPDATE messages SET data = ? WHERE timestamp = ?", (unstamped(0, numbers), stamp)
-            )
+            encode = by_hand.cdr_cloud if stamp in by_hand.CLOUDS else by_hand.cdr_pose
+            data = encode(0, numbers)
+            base.execute("UPDATE messages SET data = ? WHERE timestamp = ?", (data, stamp))
     base.close()
-    log = Bag(points="/cloud", truth="/pose", body_T_lidar=HERE, max_gap_s=3).open(
-        tmp_path, "drive"
-    )
+    log = BY_HAND.open(tmp_path, "drive")
     assert log.stamps_ns.tolist() == list(by_hand.CLOUDS)
     np.testing.assert_allclose(log.points(1), [[4, 5, 6]])
     assert log.notes == tuple(
@@ -235,16 +227,13 @@ def test_a_chain_of_transforms_gives_a_trajectory(tmp_path: Path) -> None:
                 bag.transform(START_NS + i * STEP_NS, "map", "odom", side)
         cloud(bag, START_NS + STEP_NS, "lidar", POINT)
 
-    log = Bag(truth="tf:map>base_link", odometry="tf:odom>base_link").open(
-        written(tmp_path, write), "drive"
-    )
+    reader = Bag(truth="tf:map>base_link", odometry="tf:odom>base_link")
+    log = reader.open(written(tmp_path, write), "drive")
     np.testing.assert_allclose(log.world_T_scan[0, :3, 3], [1, 0.25, -1], atol=1e-12)
     np.testing.assert_allclose(log.odom_T_scan[0, :3, 3], [1, 0, -1], atol=1e-12)
     np.testing.assert_allclose(log.points(0), [[0, 0, 1]])
-    with one_line(
-        LogError,
-        "no transforms lead from world to base_link; those that it holds: imu>base_link, imu>lidar",
-    ):
+    there = "imu>base_link, imu>lidar"
+    with one_line(LogError, f"lead from world to base_link; those that it holds: {there}"):
         Bag(truth="tf:world>base_link").open(tmp_path, "drive")
     with pytest.raises(LogError, match="tf:imu>lidar never changes"):
         Bag(truth="tf:imu>lidar").open(tmp_path, "drive")
@@ -259,11 +248,7 @@ def test_transforms_of_old_bags_have_another_name(tmp_path: Path) -> None:
     with rosbag1.Reader(tmp_path / "new.bag") as new, rosbag1.Writer(tmp_path / "drive.bag") as old:
         for connection, stamp_ns, data in new.messages():
             kind = connection.msgtype.replace("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-            md5 = (
-                "94810edda583a504dfda3829e70d7eec"
-                if kind == "tf/msg/tfMessage"
-                else connection.digest
-            )
+            md5 = OLD_TF_MD5 if kind == "tf/msg/tfMessage" else connection.digest
             link = next((link for link in old.connections if link.topic == connection.topic), None)
             link = link or old.add_connection(
                 connection.topic, kind, msgdef=connection.msgdef.data, md5sum=md5
@@ -315,12 +300,11 @@ def test_sweeps_without_a_place_are_kept_for_their_odometry_until_it_breaks(tmp_
     # The first row after the break says so, by a NaN.
     assert np.isnan(log.odom_T_scan[:, 0, 0]).tolist() == [False] * 11 + [True, False, False]
     assert log.notes == ("6 of 14 sweeps have no place (no pose on /truth)",)
-    skipped = {
+    assert log.skipped == {
         "in a gap of the poses": 9,
         "outside the poses' span": 1,
         "between a break of the odometry and the next place": 10,
     }
-    assert log.skipped == skipped
 
 
 def test_the_error_on_a_bag_without_poses_lists_its_topics(real: Path) -> None:
@@ -367,20 +351,15 @@ def test_real_broken_bags_raise_an_error_of_one_line(real: Path, name: str, says
 
 def test_the_extrinsics_are_in_the_bag_or_in_the_yaml(tmp_path: Path) -> None:
     written(tmp_path / "without", lambda bag: cloud(bag, START_NS, "lidar", POINT))
-    with one_line(
-        LogError, r"no fixed transforms lead from base_link to lidar; give reader\.body_T_lidar"
-    ):
+    says = r"no fixed transforms lead from base_link to lidar; give reader\.body_T_lidar"
+    with one_line(LogError, says):
         Bag(truth="/truth").open(tmp_path / "without", "drive")
     drive(bag_path(tmp_path, "mcap"), "mcap")
     configured = Bag(truth="/truth", body_T_lidar=[0.5, 0, 1.5, 0, 0, 90]).open(tmp_path, "drive")
-    np.testing.assert_allclose(
-        configured.points(2), READER.open(tmp_path, "drive").points(2), atol=1e-12
-    )
-    np.testing.assert_allclose(
-        configured.points(2),
-        moved(BODY_T_LIDAR, np.array([[2, 0, 0], [1, 2, 3]], np.float32)),
-        atol=1e-5,
-    )
+    by_transforms = READER.open(tmp_path, "drive")
+    np.testing.assert_allclose(configured.points(2), by_transforms.points(2), atol=1e-12)
+    lies_m = moved(BODY_T_LIDAR, np.array([[2, 0, 0], [1, 2, 3]], np.float32))
+    np.testing.assert_allclose(configured.points(2), lies_m, atol=1e-5)
 
 
 def test_a_missing_bag_or_topic_is_named(tmp_path: Path) -> None:
@@ -390,11 +369,8 @@ def test_a_missing_bag_or_topic_is_named(tmp_path: Path) -> None:
             Bag().open(tmp_path, name)
     assert Bag().sequences(tmp_path) == {}
     drive(bag_path(tmp_path, "ros1"), "ros1")
-    assert (
-        Bag(truth="/gps")
-        .sequences(tmp_path)["drive"][0]
-        .startswith(f"{tmp_path}/drive.bag: reader.truth=/gps is not in it")
-    )
+    (missing,) = Bag(truth="/gps").sequences(tmp_path)["drive"]
+    assert missing.startswith(f"{tmp_path}/drive.bag: reader.truth=/gps is not in it")
 
 
 def test_broken_transforms_are_counted_in_the_tracks_notes(tmp_path: Path) -> None:
@@ -440,8 +416,6 @@ def test_an_mcap_of_another_profile_is_refused(tmp_path: Path) -> None:
     data = path.read_bytes()
     other = tmp_path / "other.mcap"
     other.write_bytes(data.replace(b"\x04\x00\x00\x00ros2", b"\x04\x00\x00\x00ros1", 1))
-    with pytest.raises(
-        LogError,
-        match=r"an MCAP of profile 'ros1'; only those of ROS 2 can be read: give the ROS 1 \.bag",
-    ):
+    says = r"an MCAP of profile 'ros1'; only those of ROS 2 can be read: give the ROS 1 \.bag"
+    with pytest.raises(LogError, match=says):
         BagFile(other)

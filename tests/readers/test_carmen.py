@@ -23,33 +23,22 @@ def test_a_corrected_log_has_its_truth_in_its_sweeps_and_drifts_between_them(
     assert np.isnan(log.odom_T_scan[0]).all()  # no reading came before the first sweep
     # Each stretch of odometry is 1.5 m along x and a quarter along y; the step back to the truth is
     # no motion.
-    assert np.diff(log.odom_T_scan[1:, :2, 3], axis=0) == pytest.approx(
-        np.tile([1.5, 0.25], (4, 1))
-    )
-    assert log.points(0) == pytest.approx(
-        np.array([[0, -1, 7], [2, 0, 7]])
-    )  # the third beam, of 50 m, hit nothing
+    steps_m = np.diff(log.odom_T_scan[1:, :2, 3], axis=0)
+    assert steps_m == pytest.approx(np.tile([1.5, 0.25], (4, 1)))
+    # the third beam, of 50 m, hit nothing
+    assert log.points(0) == pytest.approx(np.array([[0, -1, 7], [2, 0, 7]]))
     assert log.notes == ("6 of 18 ranges reached the laser's limit of 49.98 m: no hits",)
 
 
 def test_the_step_to_a_correction_is_no_motion_whichever_laser_it_follows(tmp_path: Path) -> None:
-    readings = [f"ODOM {x} 0 0 1 0 0 1 host 1\n" for x in (0, 0, 1, 5, 6)]
-    rear = flaser([1], "5 0 0", 2, kind="RLASER")
-    lines = [
-        readings[0],
-        flaser([1], "0 0 0", 1),
-        *readings[1:3],
-        rear,
-        *readings[3:],
-        flaser([1], "6 0 0", 3),
-    ]
-    (tmp_path / "a.log").write_text("".join(lines))
+    first, *before, after, last = [f"ODOM {x} 0 0 1 0 0 1 host 1\n" for x in (0, 0, 1, 5, 6)]
+    start = [first, flaser([1], "0 0 0", 1), *before]
+    end = [flaser([1], "5 0 0", 2, kind="RLASER"), after, last, flaser([1], "6 0 0", 3)]
+    (tmp_path / "a.log").write_text("".join([*start, *end]))
     log = opened(Carmen(), tmp_path, "a")
     assert log is not None
-    assert log.odom_T_scan[:, 0, 3].tolist() == [
-        0,
-        2,
-    ]  # a metre before the rear sweep's correction and one after
+    # a metre before the rear sweep's correction and one after
+    assert log.odom_T_scan[:, 0, 3].tolist() == [0, 2]
 
 
 def test_sweeps_are_counted_where_stamps_stand_still(tmp_path: Path) -> None:
@@ -73,9 +62,8 @@ def test_sweeps_are_counted_where_stamps_are_too_coarse_to_tell_them_apart(tmp_p
 def test_newer_records_hold_angles_and_the_largest_range(tmp_path: Path) -> None:
     new = "ROBOTLASER1 0 -1.5707963267948966 3.14 1.5707963267948966 20 0.01 0 4 1 2 20 nan 1 7 "
     poses = "1.5 2 1.5707963267948966 1 2 1.5707963267948966 "
-    (tmp_path / "new.log").write_text(
-        f"{new}{poses}0 0 0.5 0.5 1e6 3.5 host 3.5\n{new}{poses}0 0\n"
-    )
+    cut = f"{new}{poses}0 0\n"
+    (tmp_path / "new.log").write_text(f"{new}{poses}0 0 0.5 0.5 1e6 3.5 host 3.5\n{cut}")
     log = opened(Carmen(lift_m=0), tmp_path, "new")
     assert log is not None
     assert log.skipped == {"broken record": 1}
@@ -89,9 +77,8 @@ def test_a_corrected_log_beside_a_raw_one_holds_the_truth(tmp_path: Path) -> Non
     raw = [flaser([1, 2], f"{i} {0.1 * i} 0", 5 + i) for i in range(4)]
     rear = flaser([3], "9 9 9", 5.5, kind="RLASER")
     (tmp_path / "a.log").write_text("".join([raw[0], rear, *raw[1:]]))
-    (tmp_path / "a.gfs.log.gz").write_bytes(
-        gzip.compress("".join(flaser([], f"{i} 0 0", 5 + i) for i in (0, 1, 3)).encode())
-    )
+    corrected = "".join(flaser([], f"{i} 0 0", 5 + i) for i in (0, 1, 3))
+    (tmp_path / "a.gfs.log.gz").write_bytes(gzip.compress(corrected.encode()))
     reader = Carmen(corrected="{sequence}.gfs.log.gz")
     assert reader.sequences(tmp_path) == {"a": []}
     log = opened(reader, tmp_path, "a")

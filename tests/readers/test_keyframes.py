@@ -21,9 +21,8 @@ def test_the_body_looks_where_it_drives(tmp_path: Path) -> None:
     assert log is not None
     assert log.stamps_ns.tolist() == [100 * 10**9, 102 * 10**9, 103 * 10**9]
     assert log.skipped == {"no such file": 1}
-    assert log.world_T_scan[:, :3, 3] == pytest.approx(
-        np.array([[3, 0, 0], [3, -2, 0], [3, -3, 0]])
-    )
+    driven_m = np.array([[3, 0, 0], [3, -2, 0], [3, -3, 0]])
+    assert log.world_T_scan[:, :3, 3] == pytest.approx(driven_m)
     assert log.odom_T_scan[:, 0, 3] == pytest.approx(0)  # x tells the four sources apart
     assert yaw(log.world_T_scan) == pytest.approx(-np.pi / 2)
     assert log.points(1) == pytest.approx(np.array([[2, 0, 2.5]]))

@@ -26,9 +26,8 @@ def test_a_scan_stands_on_the_road(tmp_path: Path) -> None:
     # The camera moves 2 m along its z a frame, which is forward; the lidar's point 1.73 m below it
     # lies on the ground.
     log = Kitti().open(kitti_log(tmp_path), "07")
-    np.testing.assert_allclose(
-        log.world_T_scan[:, :3, 3], [[2 * i, 0, 0] for i in range(6)], atol=1e-12
-    )
+    driven_m = [[2 * i, 0, 0] for i in range(6)]
+    np.testing.assert_allclose(log.world_T_scan[:, :3, 3], driven_m, atol=1e-12)
     np.testing.assert_allclose(log.points(3), [[3, 1, 0]], atol=1e-6)
     assert log.stamps_ns.tolist() == [i * 100_000_000 for i in range(6)]
     assert np.isnan(log.odom_T_scan).all()
@@ -59,25 +58,14 @@ def test_turning_the_camera_to_the_right_turns_the_vehicle_clockwise(
 
 def test_points_that_are_no_numbers_are_dropped(tmp_path: Path) -> None:
     path = tmp_path / "000000.bin"
-    path.write_bytes(
-        np.array(
-            [[1, 2, 3, np.nan], [np.nan, 0, 0, 0], [0, np.inf, 0, 0], [4, 5, 6, 0]], "<f4"
-        ).tobytes()
-    )
+    rows = [[1, 2, 3, np.nan], [np.nan, 0, 0, 0], [0, np.inf, 0, 0], [4, 5, 6, 0]]
+    path.write_bytes(np.array(rows, "<f4").tobytes())
     np.testing.assert_array_equal(read_velodyne(path), [[1, 2, 3], [4, 5, 6]])
 
 
 def test_only_the_scans_on_disk_are_read(tmp_path: Path) -> None:
-    point = np.zeros(4, "<f4").tobytes()
-    scans = {
-        "000001": point,
-        "000004": point,
-        "000006": point,
-        "000002": b"",
-        "000003": point[:9],
-        "12": point,
-        "scan01": point,
-    }
+    whole = dict.fromkeys(("000001", "000004", "000006", "12", "scan01"), bytes(16))
+    scans = whole | {"000002": b"", "000003": bytes(9)}
     log = Kitti().open(kitti_log(tmp_path, scans=scans), "07")
     np.testing.assert_allclose(log.world_T_scan[:, 0, 3], [2, 8])
     assert log.skipped == {
@@ -95,9 +83,8 @@ def test_each_scan_of_a_log_is_in_one_of_its_two_parts(tmp_path: Path, split: fl
     reader = Kitti(split=split)
     first, second, whole = (reader.open(root, name) for name in ("07-a", "07-b", "07"))
     assert first.stamps_ns.tolist() + second.stamps_ns.tolist() == whole.stamps_ns.tolist()
-    np.testing.assert_array_equal(
-        np.concatenate([first.world_T_scan, second.world_T_scan]), whole.world_T_scan
-    )
+    poses = np.concatenate([first.world_T_scan, second.world_T_scan])
+    np.testing.assert_array_equal(poses, whole.world_T_scan)
     np.testing.assert_array_equal(second.points(0), whole.points(len(first.stamps_ns)))
     # 10 m of path: part a ends at `split` of it, scans lie every 2 m from 0.
     assert len(first.stamps_ns) == int(10 * split / 2) + 1
@@ -121,10 +108,8 @@ def test_a_part_or_a_log_that_does_not_exist_is_refused(
         ({"calib": "P0: 1 0 0 0 0 1 0 0 0 0 1 0\n"}, "'Tr:' with 12 numbers"),
         ({"calib": "Tr: " + "x " * 12}, "'Tr:' with 12 numbers"),
         ({"calib": "Tr: " + "nan " * 12}, "'Tr:' with 12 numbers"),
-        (
-            {"calib": "Tr: 1e308 -1 0 0 0 0 -1 0 1 0 0 0\n"},
-            "calib.txt",
-        ),  # no rotation: the poses would be NaN
+        # no rotation: the poses would be NaN
+        ({"calib": "Tr: 1e308 -1 0 0 0 0 -1 0 1 0 0 0\n"}, "calib.txt"),
         ({"poses": None}, "07.txt"),
         ({"poses": "1 0 0 0\n" * 6}, "12 numbers"),
         ({"poses": f"{POSE}0\n" * 3 + f"{POSE}nan\n" + f"{POSE}0\n" * 2}, "row 4 is not finite"),
@@ -165,9 +150,8 @@ def test_a_sequence_may_have_a_root_of_its_own(tmp_path: Path) -> None:
     assert reader.sequences(tmp_path) == {"07-a": [], "07-b": []}
     first, second = (reader.open(tmp_path, name) for name in ("07-a", "07-b"))
     assert len(first.stamps_ns) + len(second.stamps_ns) == 6
-    np.testing.assert_array_equal(
-        second.points(0), Kitti().open(tmp_path / "07-b", "07").points(len(first.stamps_ns))
-    )
+    whole = Kitti().open(tmp_path / "07-b", "07")
+    np.testing.assert_array_equal(second.points(0), whole.points(len(first.stamps_ns)))
 
 
 def test_real_scans_lie_on_each_other_only_with_their_poses(real: Path) -> None:

@@ -25,9 +25,8 @@ def test_raw_words_are_unsigned_half_centimetres_from_minus_100_m(tmp_path: Path
     # 20000 is 0 m, 23111 is 15.555 m, 32767 is 63.835 m and 32768, negative if read as signed,
     # 63.84 m; 65535 is 227.675 m and 0 is −100 m. The file's y points right and its z down.
     path = tmp_path / "1.bin"
-    path.write_bytes(
-        sync_bytes((20_000, 20_000, 20_000), (23_111, 32_767, 32_768), (65_535, 0, 65_535))
-    )
+    hits = (20_000, 20_000, 20_000), (23_111, 32_767, 32_768), (65_535, 0, 65_535)
+    path.write_bytes(sync_bytes(*hits))
     found = [[0, 0, 0], [15.555, -63.835, -63.84], [227.675, 100, -227.675]]
     np.testing.assert_allclose(read_velodyne_sync(path), found, atol=1e-9)
 
@@ -36,9 +35,8 @@ def test_a_real_scan_has_its_ground_below_and_its_beams_above(real: Path) -> Non
     points = read_velodyne_sync(real / "nclt/2012-01-15/velodyne_sync/1326652795280148.bin")
     assert points.shape == (23_546, 3)
     near = np.linalg.norm(points[:, :2], axis=1) < 6
-    assert (
-        -0.3 < np.percentile(points[near, 2], 5) < 0.15
-    )  # the body's origin is about on the ground
+    # the body's origin is about on the ground
+    assert -0.3 < np.percentile(points[near, 2], 5) < 0.15
 
 
 # Raw packets
@@ -47,9 +45,8 @@ def test_a_real_scan_has_its_ground_below_and_its_beams_above(real: Path) -> Non
 def test_packets_are_found_one_after_the_other(tmp_path: Path) -> None:
     path = tmp_path / "velodyne_hits.bin"
     hits = (20_000, 20_200, 19_800, 9, 31), (20_001, 20_000, 20_000, 255, 0)
-    path.write_bytes(
-        packet(START - 1) + packet(START, *hits) + packet(START + 5, (0, 0, 65_535, 1, 2))
-    )
+    last = packet(START + 5, (0, 0, 65_535, 1, 2))
+    path.write_bytes(packet(START - 1) + packet(START, *hits) + last)
     found = read_packets(path)
     assert found.utimes.tolist() == [START - 1, START, START + 5]
     assert found.offsets.tolist() == [0, 0, 2, 3]  # the first packet is empty
@@ -113,10 +110,8 @@ def test_scans_without_a_pose_are_counted(tmp_path: Path) -> None:
     # Scans before the rows, between known ones, next to and on the NaN row, on the last one, in the
     # gap, in the new rows, after.
     at = (-10, 5, 15, 20, 30, 100, 235, 241)
-    log = Nclt().open(
-        nclt_log(tmp_path, truth, {str(START + 10_000 * c): sync_bytes((20_000,) * 3) for c in at}),
-        DATE,
-    )
+    scans = {str(START + 10_000 * c): sync_bytes((20_000,) * 3) for c in at}
+    log = Nclt().open(nclt_log(tmp_path, truth, scans), DATE)
     assert [(s // 1000 - START) // 10_000 for s in log.stamps_ns.tolist()] == [5, 30, 235]
     assert log.skipped == {"outside the poses' span": 2, "in a gap of the poses": 3}
 
@@ -170,9 +165,8 @@ def test_sequences_are_listed_with_what_they_lack(tmp_path: Path) -> None:
 def test_ground_truth_is_found_in_its_other_places(tmp_path: Path) -> None:
     nclt_log(tmp_path)
     (tmp_path / "ground_truth").mkdir()
-    (tmp_path / DATE / f"groundtruth_{DATE}.csv").rename(
-        tmp_path / "ground_truth" / f"groundtruth_{DATE}.csv"
-    )
+    name = f"groundtruth_{DATE}.csv"
+    (tmp_path / DATE / name).rename(tmp_path / "ground_truth" / name)
     assert len(Nclt().open(tmp_path, DATE).stamps_ns) == 1
 
 

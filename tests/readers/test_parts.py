@@ -56,10 +56,7 @@ def seconds(name: str) -> list[int]:
     ("rule", "rows"),
     [
         ("path:2:0", [range(125), range(125, 250)]),
-        (
-            "time:5:10",
-            [range(50), range(59, 100), range(109, 150), range(159, 200), range(209, 250)],
-        ),
+        ("time:5:10", [range(50), *(range(50 * i + 9, 50 * i + 50) for i in range(1, 5))]),
         ("cut:100s", [range(100), range(129, 250)]),
         ("cut:100m:0", [range(80), range(80, 250)]),  # 1.2564 m a second
         # From 97 s on, the scans lie within 5 m of the start. Those until 105 s are left out, since
@@ -68,9 +65,8 @@ def seconds(name: str) -> list[int]:
     ],
 )
 def test_a_rule_makes_sequences_and_they_are_parts(rule: str, rows: list[range]) -> None:
-    assert [seconds(name.removeprefix("laps+")) for name in names("laps", rule)] == [
-        list(part) for part in rows
-    ]
+    parts = [seconds(name.removeprefix("laps+")) for name in names("laps", rule)]
+    assert parts == [list(part) for part in rows]
 
 
 def test_the_whole_log_is_a_sequence_too() -> None:
@@ -84,10 +80,8 @@ def test_points_times_and_variances_are_those_of_the_parts_scans() -> None:
     assert found.odom_variance is not None
     assert found.odom_variance[0].tolist() == [106.0, 106.0]
     assert "144 of the 250 scans of laps" in found.notes
-    again = Part("later", apart_s=10).rows(
-        np.arange(250) * 10**9, np.where(np.arange(250)[:, None] == 200, np.nan, XYZ_M)
-    )
-    assert 200 not in again
+    unplaced_m = np.where(np.arange(250)[:, None] == 200, np.nan, XYZ_M)
+    assert 200 not in Part("later", apart_s=10).rows(np.arange(250) * 10**9, unplaced_m)
 
 
 def test_a_revisit_is_within_5_m_and_later_than_the_time_between_parts() -> None:

@@ -18,16 +18,12 @@ from tests.readers.logs import kitti_log
 def test_what_is_on_disk_is_listed(tmp_path: Path) -> None:
     # Scan 1 holds one point, scan 4 two; scan 2 is cut short.
     point = np.zeros(4, "<f4").tobytes()
-    root = kitti_log(
-        tmp_path / "data", scans={"000001": point, "000004": 2 * point, "000002": point[:-1]}
-    )
+    scans = {"000001": point, "000004": 2 * point, "000002": point[:-1]}
+    root = kitti_log(tmp_path / "data", scans=scans)
     says = Recorded(Kitti(), str(root)).record("07", tmp_path / "out" / "07", Compute(), Progress())
     header, one, other = (tmp_path / "out" / "07" / "inventory.csv").read_text().splitlines()
-    assert (header, one[:12], other[:12]) == (
-        "stamp_ns,points,digest",
-        "100000000,1,",
-        "400000000,2,",
-    )
+    assert header == "stamp_ns,points,digest"
+    assert (one[:12], other[:12]) == ("100000000,1,", "400000000,2,")
     assert says.startswith(f"2 scans found below {root}")
     assert "1 skipped (truncated record)" in says
     assert "4 of 6 scans are not on disk" in says
@@ -43,9 +39,8 @@ def test_the_inventory_changes_with_a_pose_or_a_point(tmp_path: Path) -> None:
         ("c", poses_text, point[::-1] + point),
     )
     for name, poses, scan in logs:
-        root = kitti_log(
-            tmp_path / name / "data", poses=poses, scans={"000001": point, "000005": scan}
-        )
+        scans = {"000001": point, "000005": scan}
+        root = kitti_log(tmp_path / name / "data", poses=poses, scans=scans)
         Recorded(Kitti(), str(root)).record("07", tmp_path / name / "out", Compute(), Progress())
         texts.add((tmp_path / name / "out" / "inventory.csv").read_text())
     assert len(texts) == 3

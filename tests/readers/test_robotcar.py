@@ -3,6 +3,7 @@
 Expected numbers come from METHODS 7.2; some tests are on errors that the data set's SDK makes.
 """
 
+from collections.abc import Container, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,17 @@ def x(poses: np.ndarray) -> list[float | None]:
     return [None if np.isnan(pose).all() else round(float(pose[0, 3]), 9) for pose in poses]
 
 
+def chained(*steps: tuple[float, float, float]) -> str:
+    """A vo.csv of motions ahead: when they end and begin in ms after START, and their metres."""
+    return vo_text(*(vo_row(end_ms, start_ms, ahead_m) for end_ms, start_ms, ahead_m in steps))
+
+
+def driven_with_outages(times_ms: Iterable[int], bad_ms: Container[int], bad_status: str) -> str:
+    """An ins.csv of 10 m/s northwards, whose rows at `bad_ms` have a bad status."""
+    statuses = {True: bad_status, False: "INS_SOLUTION_GOOD"}
+    return ins_text(*(ins_row(t, t / 100, status=statuses[t in bad_ms]) for t in times_ms))
+
+
 # Sweeps
 
 
@@ -70,24 +82,15 @@ def test_a_return_lies_where_the_extrinsics_say(
     # METHODS 7.2, in the z-down vehicle; handed out are y left and z up.
     root = drive(tmp_path, {50: sweep((*beam, 9))}, rear={50: sweep((*beam, 9))})
     log = RobotCar([laser], lift_m=1.5).open(root, DATE)
-    np.testing.assert_allclose(
-        log.points(0), [np.add(np.multiply(vehicle, (1, -1, -1)), (0, 0, 1.5))], atol=1e-6
-    )
+    x_m, right_m, down_m = vehicle
+    np.testing.assert_allclose(log.points(0), [[x_m, -right_m, 1.5 - down_m]], atol=1e-6)
 
 
 def test_beams_without_a_return_are_dropped_and_sweeps_may_be_short(tmp_path: Path) -> None:
     # Kept are (2, 0) and (0, −3); a reflectance that is no number does not matter.
-    beams = [
-        (0, 0, 5),
-        (2, 0, np.nan),
-        (np.nan, 1, 5),
-        (1, np.inf, 5),
-        (0, -3, 0),
-        (-0.0, 0, 5),
-        (0.004, 1e-320, 5),
-    ]
+    beams = [(0, 0, 5), (2, 0, np.nan), (np.nan, 1, 5), (1, np.inf, 5), (0, -3, 0), (-0.0, 0, 5)]
     path = tmp_path / "1.bin"
-    path.write_bytes(sweep(*beams))
+    path.write_bytes(sweep(*beams, (0.004, 1e-320, 5)))
     np.testing.assert_array_equal(read_sweep(path, np.eye(4)), [[2, 0, 0], [0, -3, 0]])
     path.write_bytes(sweep((0, 0, 0)))
     assert read_sweep(path, np.eye(4)).shape == (0, 3)
@@ -108,12 +111,8 @@ def test_a_sweep_is_paired_with_its_stamp_by_name_not_by_position(tmp_path: Path
     # Stamps of 10, 20, 30, 40 ms; the file of 20 is lost and one of 35 has no stamp. By position
     # (the SDK's bug, issue 33) the file of 30 would be taken for 20's.
     stamps = "".join(f"{START + 10_000 * i} 1\n" for i in (1, 2, 3, 4))
-    log = opened(
-        tmp_path,
-        sweeps={t: sweep((t, 0, 0)) for t in (10, 30, 35, 40)},
-        stamps=stamps,
-        extrinsics={"lms_front": ZERO},
-    )
+    sweeps = {t: sweep((t, 0, 0)) for t in (10, 30, 35, 40)}
+    log = opened(tmp_path, sweeps=sweeps, stamps=stamps, extrinsics={"lms_front": ZERO})
     assert ms(log) == [10, 30, 40]
     assert [log.points(row)[0, 0] for row in range(3)] == [10, 30, 40]
     np.testing.assert_allclose(log.odom_T_scan[:, 0, 3], [0.1, 0.3, 0.4])
@@ -156,11 +155,8 @@ def test_opening_reads_no_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 def test_odometry_is_chained_and_interpolated(tmp_path: Path) -> None:
     # METHODS 7.2: +1 m at 100 and 200 ms: 1.5 m at 150 ms (integer division, the SDK's bug, gives 1
     # m), −0.5 m from 200 ms.
-    log = opened(
-        tmp_path,
-        sweeps={150: ONE, 200: ONE},
-        vo=vo_text(vo_row(100, 0, 1.0), vo_row(200, 100, 1.0)),
-    )
+    vo = chained((100, 0, 1.0), (200, 100, 1.0))
+    log = opened(tmp_path, sweeps={150: ONE, 200: ONE}, vo=vo)
     assert x(log.odom_T_scan) == [1.5, 2]
     assert (np.linalg.inv(log.odom_T_scan[1]) @ log.odom_T_scan[0])[0, 3] == pytest.approx(-0.5)
 
@@ -177,12 +173,9 @@ def test_the_first_knot_is_the_first_rows_destination_at_its_own_time(tmp_path: 
 
 def test_no_sweep_gets_odometry_beyond_either_end(tmp_path: Path) -> None:
     # Knots from 0 to 200 ms. The SDK clamps to the end, or extrapolates.
-    log = opened(
-        tmp_path,
-        sweeps=dict.fromkeys((-0.002, 0, 200, 200.002), ONE),
-        vo=vo_text(vo_row(100, 0, 1.0), vo_row(200, 100, 1.0)),
-        ins=ins_text(*(ins_row(t) for t in range(-100, 400, 100))),
-    )
+    sweeps = dict.fromkeys((-0.002, 0, 200, 200.002), ONE)
+    ins = ins_text(*(ins_row(t) for t in range(-100, 400, 100)))
+    log = opened(tmp_path, sweeps=sweeps, vo=chained((100, 0, 1.0), (200, 100, 1.0)), ins=ins)
     assert x(log.odom_T_scan) == [None, 0, 2, None]
     assert x(log.world_T_scan) == [0, 0, 0, 0]
 
@@ -193,13 +186,12 @@ def test_a_row_is_motion_in_the_frame_of_the_vehicle_before(tmp_path: Path) -> N
     vo = vo_text(vo_row(100, 0, 1, 0, 0, 0, 0, np.pi / 2), vo_row(200, 100, 2.0))
     log = opened(tmp_path, sweeps={50: ONE, 200: ONE}, vo=vo)
     np.testing.assert_allclose(log.odom_T_scan[1, :3, 3], [1, -2, 0], atol=1e-12)
-    np.testing.assert_allclose(
-        np.rad2deg(yaw(log.odom_T_scan)), [-45, -90]
-    )  # halfway through the turn by slerp
+    # halfway through the turn by slerp
+    np.testing.assert_allclose(np.rad2deg(yaw(log.odom_T_scan)), [-45, -90])
 
 
 def test_a_wide_step_is_a_gap(tmp_path: Path) -> None:
-    vo = vo_text(vo_row(100, 0, 1.0), vo_row(700, 100, 6.0), vo_row(800, 700, 1.0))
+    vo = chained((100, 0, 1.0), (700, 100, 6.0), (800, 700, 1.0))
     log = opened(tmp_path, sweeps=dict.fromkeys((50, 400, 750), ONE), vo=vo)
     assert x(log.odom_T_scan) == [0.5, None, 7.5]
     assert x(RobotCar(max_vo_gap_s=0.6).open(tmp_path, DATE).odom_T_scan) == [0.5, 4, 7.5]
@@ -207,9 +199,7 @@ def test_a_wide_step_is_a_gap(tmp_path: Path) -> None:
 
 def test_sweeps_within_a_break_have_no_odometry(tmp_path: Path) -> None:
     # The chain ends at 200 ms, the next row starts at 400: anew, from the identity.
-    vo = vo_text(
-        vo_row(100, 0, 1.0), vo_row(200, 100, 1.0), vo_row(500, 400, 1.0), vo_row(600, 500, 1.0)
-    )
+    vo = chained((100, 0, 1.0), (200, 100, 1.0), (500, 400, 1.0), (600, 500, 1.0))
     log = opened(tmp_path, sweeps=dict.fromkeys((150, 200, 250, 350, 400, 550), ONE), vo=vo)
     assert x(log.odom_T_scan) == [1.5, 2, None, None, 0, 1.5]
     assert x(log.world_T_scan) == [1.5, 2, 2.5, 3.5, 4, 5.5]
@@ -220,9 +210,7 @@ def test_sweeps_within_a_break_have_no_odometry(tmp_path: Path) -> None:
 def test_the_first_sweep_after_a_break_has_no_odometry(tmp_path: Path, before: int) -> None:
     # The third row starts 1 ms after the second ended, or back at 100 ms: then the new chain has
     # its first knot at 300 ms.
-    vo = vo_text(
-        vo_row(100, 0, 1.0), vo_row(200, 100, 1.0), vo_row(300, before, 1.0), vo_row(400, 300, 1.0)
-    )
+    vo = chained((100, 0, 1.0), (200, 100, 1.0), (300, before, 1.0), (400, 300, 1.0))
     log = opened(tmp_path, sweeps=dict.fromkeys((150, 350, 400), ONE), vo=vo)
     assert x(log.odom_T_scan)[:2] == [1.5, None]
     np.testing.assert_allclose(log.odom_T_scan[2, 0, 3], 2 if before == 201 else 1)
@@ -232,15 +220,9 @@ def test_the_first_sweep_after_a_break_has_no_odometry(tmp_path: Path, before: i
 def test_a_break_in_an_outage_is_marked_at_the_first_sweep_with_a_true_pose(tmp_path: Path) -> None:
     # Broken at 200 ms, without a true pose from 150 to 450 ms: sweeps of the new chain go up to the
     # first with a true pose, which tells of the break. Without it, a submap would join two chains.
-    vo = vo_text(
-        vo_row(100, 0, 1.0),
-        vo_row(200, 100, 1.0),
-        *(vo_row(t + 100, t, 1.0) for t in range(250, 750, 100)),
-    )
-    bad = {"status": "INS_BAD_GPS_AGREEMENT"}
-    ins = ins_text(
-        *(ins_row(t, t / 100, **(bad if 150 <= t <= 450 else {})) for t in range(0, 1000, 50))
-    )
+    anew = [(t + 100, t, 1.0) for t in range(250, 750, 100)]
+    vo = chained((100, 0, 1.0), (200, 100, 1.0), *anew)
+    ins = driven_with_outages(range(0, 1000, 50), range(150, 451), "INS_BAD_GPS_AGREEMENT")
     log = opened(tmp_path, sweeps=dict.fromkeys((50, 175, 275, 375, 525, 575), ONE), vo=vo, ins=ins)
     assert ms(log) == [50, 175, 525, 575]
     assert x(log.odom_T_scan) == [0.5, 1.75, None, 3.25]
@@ -254,9 +236,8 @@ def test_a_break_in_an_outage_is_marked_at_the_first_sweep_with_a_true_pose(tmp_
 def test_the_true_pose_is_the_vehicles_not_the_ins_units(tmp_path: Path) -> None:
     # METHODS 7.2: inv(ins) · front translates by (3.475969, 0.091515, −0.013567): where the front
     # laser is, seen from the INS.
-    log = opened(
-        tmp_path, sweeps={50: ONE}, ins=ins_text(ins_row(0), ins_row(100)), extrinsics={"ins": INS}
-    )
+    ins = ins_text(ins_row(0), ins_row(100))
+    log = opened(tmp_path, sweeps={50: ONE}, ins=ins, extrinsics={"ins": INS})
     laser = log.world_T_scan[0] @ (1.7589, -0.2268, -1.0411, 1)
     np.testing.assert_allclose(laser[:3], [3.475969, -0.091515, 0.013567], atol=1e-6)
 
@@ -272,9 +253,8 @@ def test_northing_easting_down_become_north_west_up(tmp_path: Path) -> None:
 def test_a_sweep_in_an_outage_keeps_its_odometry_but_has_no_place(tmp_path: Path) -> None:
     # Bad rows at 200 and 300 ms: nothing is known between 100 and 400 ms. A hole of 600 ms from 500
     # to 1100 ms is one too.
-    times = (0, 100, 200, 300, 400, 500, 1100, 1200)
-    bad = {"status": "INS_SOLUTION_NOT_GOOD"}
-    ins = ins_text(*(ins_row(t, t / 100, **(bad if t in (200, 300) else {})) for t in times))
+    times_ms = (0, 100, 200, 300, 400, 500, 1100, 1200)
+    ins = driven_with_outages(times_ms, (200, 300), "INS_SOLUTION_NOT_GOOD")
     log = opened(tmp_path, ins=ins)
     assert x(log.world_T_scan) == [0.5, None, None, None, 4.5, None, None, None, None, None]
     assert x(log.odom_T_scan) == [0.5 + i for i in range(10)]
@@ -303,12 +283,8 @@ def test_two_utm_zones_share_no_frame(tmp_path: Path) -> None:
 
 
 def test_columns_are_found_by_name(tmp_path: Path) -> None:
-    header = INS_HEADER.strip().split(",")
-    row = ins_row(0, 1, 2, 3, 0.1, 0.2, 0.3).strip().split(",")
-    turned = "".join(
-        ",".join(reversed(cells)) + "\r\n"
-        for cells in (header, row, ins_row(100, 1).strip().split(","))
-    )
+    lines = (INS_HEADER, ins_row(0, 1, 2, 3, 0.1, 0.2, 0.3), ins_row(100, 1))
+    turned = "".join(",".join(line.strip().split(",")[::-1]) + "\r\n" for line in lines)
     log = opened(tmp_path, sweeps={0: ONE}, ins="\ufeff" + turned + "\r\n")
     np.testing.assert_allclose(log.world_T_scan[0, :3, 3], [1, -2, -3])
 
@@ -359,10 +335,7 @@ def twice(row: str) -> str:
         ({"sweeps": {}}, r"lms_front\.timestamps"),
         ({"extrinsics": {"ins": "0 0 0\n"}}, r"ins\.txt: expected 6 numbers"),
         ({"extrinsics": {"lms_front": ZERO * 2}}, r"lms_front\.txt: expected one row of six"),
-        (
-            {"extrinsics": {"lms_front": "nan 0 0 0 0 0"}},
-            r"lms_front\.txt: expected one row of six",
-        ),
+        ({"extrinsics": {"lms_front": "nan 0 0 0 0 0"}}, r"front\.txt: expected one row of six"),
     ],
 )
 def test_a_broken_drive_raises_an_error_of_one_line(
@@ -375,10 +348,8 @@ def test_a_broken_drive_raises_an_error_of_one_line(
 def test_the_error_on_missing_extrinsics_says_where_to_take_them_from(tmp_path: Path) -> None:
     root = drive(tmp_path)
     (root / "extrinsics" / "ins.txt").unlink()
-    with pytest.raises(
-        LogError,
-        match=r"extrinsics/ins\.txt: no such file; copy the folder `extrinsics` of the .*SDK",
-    ):
+    says = r"extrinsics/ins\.txt: no such file; copy the folder `extrinsics` of the .*SDK"
+    with pytest.raises(LogError, match=says):
         RobotCar().open(root, DATE)
     (root / "extrinsics").rename(root / "sdk")
     with pytest.raises(LogError, match="lms_front"):
@@ -393,18 +364,15 @@ def test_the_error_on_missing_extrinsics_says_where_to_take_them_from(tmp_path: 
 def test_the_real_extrinsics_are_the_published_ones(real: Path) -> None:
     folder = real / "robotcar" / "extrinsics"
     for sensor, text in (("lms_front", FRONT), ("lms_rear", REAR), ("ins", INS)):
-        assert [float(number) for number in (folder / f"{sensor}.txt").read_text().split()] == [
-            *map(float, text.split())
-        ]
+        published = (folder / f"{sensor}.txt").read_text()
+        assert [*map(float, published.split())] == [*map(float, text.split())]
     np.testing.assert_array_equal(read_extrinsics(folder, "stereo"), np.eye(4))
     front = read_extrinsics(folder, "lms_front")
     rear = read_extrinsics(folder, "lms_rear")
-    np.testing.assert_allclose(
-        (front @ (1, 0, 0, 1))[:3], [1.872180, 0.230834, 2.034655], atol=1e-6
-    )
-    np.testing.assert_allclose(
-        (rear @ (0, 1, 0, 1))[:3], [-2.645800, -0.712782, 1.070185], atol=1e-6
-    )
+    ahead = front @ (1, 0, 0, 1)
+    aside = rear @ (0, 1, 0, 1)
+    np.testing.assert_allclose(ahead[:3], [1.872180, 0.230834, 2.034655], atol=1e-6)
+    np.testing.assert_allclose(aside[:3], [-2.645800, -0.712782, 1.070185], atol=1e-6)
     ins_T_front = np.linalg.inv(read_extrinsics(folder, "ins")) @ front
     np.testing.assert_allclose(ins_T_front[:3, 3], [3.475969, 0.091515, -0.013567], atol=1e-6)
     # The lasers scan across the road, not along it: the front one's plane has its normal within 15°

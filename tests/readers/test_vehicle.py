@@ -9,6 +9,7 @@ from pipeline.core.frames import Trajectory, pose
 from pipeline.formats.bag import BagWriter
 from pipeline.readers.bag import Bag
 from pipeline.readers.folder import Folder
+from pipeline.readers.log import Log
 from pipeline.readers.vehicle import breaks_ns, doubts, jumps, split_at_jumps
 from tests.readers.bags import START_NS, STEP_NS, at, cloud
 from tests.readers.logs import START, folder_log
@@ -35,12 +36,8 @@ def straight(count: int = 100, along: tuple[float, float, float] = (1, 0, 0)) ->
 @pytest.mark.parametrize(
     ("way", "rpy_deg", "says"),
     [
-        (
-            (1, 0, 0),
-            (180, 0, 0),
-            "tilted by up to 180°, where a vehicle stands upright: is the quaternion written w "
-            "first",
-        ),
+        ((1, 0, 0), (180, 0, 0), "tilted by up to 180°, where a vehicle stands upright: is the "),
+        ((1, 0, 0), (180, 0, 0), "is the quaternion written w first"),
         ((1, 0, 0), (90, 0, 0), "tilted by up to 90°"),
         ((0, 0, 1), (0, 0, 0), "drives along its own z axis: are its axes a camera's"),
         ((0, 1, 0), (0, 0, 0), "drives sideways, along its own y axis"),
@@ -61,19 +58,15 @@ def test_a_heading_that_does_not_follow_the_way_is_doubted() -> None:
     circle = drive(100 * np.column_stack([np.cos(turn_rad), np.sin(turn_rad), 0 * turn_rad]))
     (line,) = doubts("x", circle)
     assert "heading does not follow its way" in line
-    ahead = pose(
-        circle.world_T_body[:, :3, 3],
-        np.column_stack([0 * turn_rad, 0 * turn_rad, turn_rad + np.pi / 2]),
-    )
+    rpy_rad = np.column_stack([0 * turn_rad, 0 * turn_rad, turn_rad + np.pi / 2])
+    ahead = pose(circle.world_T_body[:, :3, 3], rpy_rad)
     assert doubts("x", Trajectory(circle.stamps_ns, ahead, 0.5)) == ()
 
 
 def test_positions_in_millimetres_are_doubted() -> None:
     (line,) = doubts("x", drive(1000 * straight()))
-    assert (
-        line
-        == "x: the body drives at 10,000 m/s most of the way: are its positions in metres, its stamps in order?"
-    )
+    assert line.startswith("x: the body drives at 10,000 m/s most of the way: are its positions in")
+    assert line.endswith(" metres, its stamps in order?")
 
 
 def test_a_vehicle_is_not_doubted() -> None:
@@ -98,10 +91,7 @@ def test_a_step_far_longer_than_those_around_it_is_a_jump() -> None:
 
 def test_a_turn_far_wider_than_those_around_it_is_a_jump() -> None:
     poses = drive(straight(20))
-    poses.world_T_body[11:, :3, :3] = (
-        poses.world_T_body[11:, :3, :3]
-        @ pose(np.zeros((1, 3)), np.radians([[0, 0, 120]]))[0, :3, :3]
-    )
+    poses.world_T_body[11:] = poses.world_T_body[11:] @ at(0, np.radians(120))
     assert jumps(poses).tolist() == [11]
 
 
@@ -143,17 +133,20 @@ def test_odometry_that_is_set_back_gets_a_gap_and_a_note() -> None:
 # In the readers
 
 
+def with_odometry(root: Path, rows: list[str], decimals: list[str]) -> Log:
+    """Open a user's sequence with this odometry, and scans at these decimals of its first second."""
+    point = np.array([2, 1, 3, 0.5], "<f4").tobytes()
+    scans = {f"scans/{START // 10**6}.{stem}.bin": point for stem in decimals}
+    folder_log(root, scans=scans)
+    (root / "drive/odometry.txt").write_text("".join(rows))
+    return Folder(odometry="odometry.txt").open(root, "drive")
+
+
 def test_the_first_scan_after_odometry_was_set_back_has_no_odometry(tmp_path: Path) -> None:
     """Scans every 0.1 s; the odometry is 0 … 5 m, then 0 … 5 m again while the truth goes on to 11
     m."""
-    scans = {
-        f"scans/{START // 10**6}.{i:02d}5.bin": np.array([2, 1, 3, 0.5], "<f4").tobytes()
-        for i in range(10, 90, 10)
-    }
     rows = [f"{START / 1e6 + 0.1 * i:.1f} {i if i < 6 else i - 6} 0 0 0 0 0 1\n" for i in range(11)]
-    root = folder_log(tmp_path, scans=scans)
-    (root / "drive/odometry.txt").write_text("".join(rows))
-    log = Folder(odometry="odometry.txt").open(root, "drive")
+    log = with_odometry(tmp_path, rows, [f"{i:02d}5" for i in range(10, 90, 10)])
     # The scans lie 5 ms behind the poses 1 … 8: that behind pose 5 is on the jump, and the one
     # after it is the first of the new.
     assert np.flatnonzero(np.isnan(log.odom_T_scan[:, 0, 0])).tolist() == [4, 5]
@@ -162,15 +155,9 @@ def test_the_first_scan_after_odometry_was_set_back_has_no_odometry(tmp_path: Pa
 
 def test_a_row_of_nan_is_a_break_though_no_scan_lies_in_it(tmp_path: Path) -> None:
     """As conf/dataset/folder.yaml says: rows of NaN are breaks in the odometry."""
-    scans = {
-        f"scans/{START // 10**6}.{i:02d}.bin": np.array([2, 1, 3, 0.5], "<f4").tobytes()
-        for i in (10, 20, 60, 70)
-    }
     known = [f"{START / 1e6 + 0.1 * i:.1f} {i} 0 0 0 0 0 1\n" for i in range(11)]
     known[4] = f"{START / 1e6 + 0.4:.1f} nan nan nan nan nan nan nan\n"
-    root = folder_log(tmp_path, scans=scans)
-    (root / "drive/odometry.txt").write_text("".join(known))
-    log = Folder(odometry="odometry.txt").open(root, "drive")
+    log = with_odometry(tmp_path, known, ["10", "20", "60", "70"])
     assert np.flatnonzero(np.isnan(log.odom_T_scan[:, 0, 0])).tolist() == [2]
 
 
@@ -180,9 +167,8 @@ def test_odometry_of_a_bag_starts_anew_where_it_was_set_back(tmp_path: Path) -> 
         for i in range(21):
             stamp_ns = START_NS + i * STEP_NS
             bag.odometry(stamp_ns, "map", "base_link", at(0.1 * i), "/truth")
-            bag.odometry(
-                stamp_ns, "odom", "base_link", at(0.1 * (i if i <= 10 else i - 11)), "/odom"
-            )
+            odom_T_robot = at(0.1 * (i if i <= 10 else i - 11))
+            bag.odometry(stamp_ns, "odom", "base_link", odom_T_robot, "/odom")
             cloud(bag, stamp_ns, "lidar", np.ones((5, 3)))
     log = Bag(truth="/truth", odometry="/odom").open(tmp_path, "drive")
     assert np.flatnonzero(np.isnan(log.odom_T_scan[:, 0, 0])).tolist() == [11]
