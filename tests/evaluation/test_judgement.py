@@ -30,8 +30,8 @@ from pipeline.evaluation.rows import evaluation_rows, table
 from pipeline.matching.ranking import Ranking, joined
 from pipeline.matching.rejection import ACCEPT_NOTHING
 from tests.artifacts import SUITED
+from tests.evaluation.made import evaluation as seven_queries
 from tests.evaluation.made import of_cases, rows, standing, write
-from tests.report.figures.made import evaluation as seven_queries
 
 XY_M = np.array([(3, 4), (0, 1), (6, 8), (0, 2), (0, 50)], float)
 RANKING = Ranking(

@@ -26,15 +26,8 @@ from pipeline.report.study import Study
 from pipeline.studies import study as studies
 from pipeline.studies.layout import Layout
 from tests.artifacts import write_submaps, write_views, written
-from tests.evaluation.made import standing
-from tests.report.figures.made import (
-    BOOTSTRAP,
-    PLACES,
-    TRAIN_PLACES,
-    TRAIN_XY_M,
-    XY_M,
-    evaluation,
-)
+from tests.evaluation.made import BOOTSTRAP, LABELS, XY_M, standing
+from tests.report.figures.made import TRAIN_PLACES, TRAIN_XY_M, evaluation
 from tests.studies.made import study as made_study
 
 TRAIN = "2012-01-15"
@@ -105,7 +98,7 @@ def build(
             path = artifacts / f"views/campus/{view}/{sequence}.zarr"
             write_views(path, kind, images, world_T_anchor, cases=[asdict(Case())])
         truth = {
-            "places": TRAIN_PLACES if is_training else PLACES,
+            "places": TRAIN_PLACES if is_training else LABELS.places,
             "cells": np.arange(10),
             "oracle": np.zeros(n, int),
             "nearest_m": np.zeros(n),

@@ -9,71 +9,47 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from pipeline.alterations import Case
-from pipeline.core.schemas import Labels
-from pipeline.evaluation.bootstrap import Bootstrap, Estimate
+from pipeline.evaluation.bootstrap import Estimate
 from pipeline.evaluation.judge import judge
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.protocols import PROTOCOLS, Distance
 from pipeline.evaluation.rows import NOVELTY, case_columns, evaluation_rows, row, table
 from pipeline.evaluation.viewpoints import ViewpointMatches
-from pipeline.matching.ranking import Ranking
 from pipeline.report.comparison import MEASURES, Comparison, Kind
 from pipeline.report.result import Result
+from tests.evaluation.made import BOOTSTRAP, LABELS, SCI, XY_M, judged, standing
 
 TRAIN_XY_M = np.stack([np.linspace(0, 100, 50), np.zeros(50)], axis=1)
 TRAIN_PLACES = np.repeat(np.arange(10), 5)
 """Ten places of five submaps each, 2.04 m apart."""
-PLACES = np.array([1, 2, 3, 4, 5, -1, -1])
-XY_M = np.array([(0, 0), (10, 0), (20, 0), (30, 0), (40, 0), (40, 100), (40, 120)], float)
-BOOTSTRAP = Bootstrap(block_m=15.0, resamples=40)
 
 
 def evaluation(
     days: int = 20,
-    places: np.ndarray = PLACES,
+    places: np.ndarray = LABELS.places,
     threshold: float = 0.5,
     wrong: Sequence[int] = (),
     heading_deg: float = np.nan,
     xy_m: np.ndarray = XY_M,
 ) -> Evaluation:
-    """Seven queries, the last two unseen, with two kinds of novelty.
+    """Seven queries at `xy_m`, the last two unseen, with the answers of SCI.
 
-    By cells: hit, miss, false alarm (200 m off), false alarm (next cell, 6 m off), hit (turned
-    around), false alarm (unseen), correct rejection; by distance the fourth is a hit. Entropy ranks
-    9 of 10 pairs of seen and unseen right, energy all. The queries of `wrong` are placed 200 m off
-    as well.
+    Entropy ranks 9 of 10 pairs of seen and unseen right, energy all. The queries of `wrong` are
+    placed 200 m off as well.
     """
-    answers_xy_m = np.stack([xy_m + np.array([off, 0.0]) for off in (1.0, 300.0)], axis=1)
-    answers_xy_m[3, 0, 0] = xy_m[3, 0] + 6.0
-    answers_xy_m[[2, *wrong], 0, 0] = xy_m[[2, *wrong], 0] + 200.0
-    answered = np.array([[1, 2], [2, 3], [9, 3], [5, 4], [5, 1], [1, 2], [1, 2]])
-    answered[list(wrong), 0] = 9
-    cost = np.array([0.05, 0.75, 0.15, 0.25, 0.05, 0.45, 0.95], np.float32)
-    ranking = Ranking(
+    misplaced = list(wrong)
+    answers_xy_m = SCI.xy_m + (xy_m - XY_M)[:, None]
+    answers_xy_m[misplaced, 0, 0] = xy_m[misplaced, 0] + 200.0
+    answered = SCI.places.copy()
+    answered[misplaced, 0] = 9
+    ranking = replace(
+        SCI,
         places=answered,
-        costs=np.stack([cost, np.ones_like(cost)], axis=1),
         xy_m=answers_xy_m,
-        novelty=np.array(
-            [[0.1, 1], [0.8, 2], [0.2, 3], [0.3, 4], [0.05, 5], [0.4, 8], [0.9, 9]], np.float32
-        ),
-        confidence=1 - cost / 2,
         heading_deg=np.full((7, 2), heading_deg, np.float32),
-        kinds=("entropy", "energy"),
     )
-    labels = Labels(
-        places=places,
-        cells=np.arange(10),
-        oracle=np.array([1, 2, 3, 5, 5, 5, 5]),
-        nearest_m=np.array([1.0, 1.0, 1.0, 1.0, 1.0, 100.0, 120.0]),
-        nearest_turn_deg=np.array([0.0, 0.0, 0.0, 0.0, 179.0, 0.0, 0.0]),
-        days=days,
-        cell_m=10.0,
-        x_m=(0.0, 100.0),
-        y_m=(0.0, 100.0),
-    )
-    world_T_anchor = np.tile(np.eye(4), (7, 1, 1))
-    world_T_anchor[:, :2, 3] = xy_m
-    return judge(ranking, (threshold, 6.0), labels, world_T_anchor, Distance(), BOOTSTRAP)
+    labels = replace(LABELS, places=places, days=days)
+    return judge(ranking, (threshold, 6.0), labels, standing(xy_m), Distance(), BOOTSTRAP)
 
 
 def result(model: str, sequence: str, days: int, one: Evaluation) -> Result:
@@ -133,24 +109,7 @@ def matched(*right: str) -> ViewpointMatches:
     `right` has a 1 for each that is right: `1010` for a heading.
     """
     correct = np.array([[letter == "1" for letter in letters] for letters in right])
-    nothing = np.zeros((len(right), 4))
-    pictures = np.zeros((0, 4, 4), np.uint8)
-    return ViewpointMatches(
-        headings_deg=(np.arange(len(right)) + 0.5) * 360 / len(right),
-        row=nothing.astype(int),
-        answer_xy_m=np.zeros((len(right), 4, 2)),
-        error_m=np.where(correct, 1.0, 80.0),
-        correct=correct,
-        valid=np.ones(4, bool),
-        score=np.tile(np.array([4, 3, 2, 1], np.float32), (len(right), 1)),
-        xy_m=np.zeros((4, 2)),
-        correct_m=10.0,
-        length=10,
-        novelty="cost",
-        bytes_per_place=1.0,
-        pictures=pictures,
-        reconstructed=pictures,
-    )
+    return judged(correct, np.tile([4, 3, 2, 1], (len(right), 1)))
 
 
 def compared(
