@@ -51,9 +51,9 @@ def test_a_bags_bytes_are_the_same_however_computed_and_in_order_of_time(
     small: Simulation, tmp_path: Path, kind: str
 ):
     world = replace(small, logs=kind, route_m=40.0)
-    for name, compute in (("one", Compute(workers=1)), ("processes", Compute("processes", 2))):
-        world.record(SEQUENCE, tmp_path / name, compute, Progress())
-    assert contents(tmp_path / "one") == contents(tmp_path / "processes")
+    for name, workers in (("one", 1), ("two", 2)):
+        world.record(SEQUENCE, tmp_path / name, Compute(workers=workers), Progress())
+    assert contents(tmp_path / "one") == contents(tmp_path / "two")
     assert len(contents(tmp_path / "one")) == (1 if kind == "ros1" else 2)
     from rosbags.highlevel import AnyReader
 
