@@ -131,9 +131,8 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Clone:
             clone = Clone(shared / "chain")
             clone.draw_small()
             stress = '"2014-07-28-14-30-00": "all reversed", "2015-01-14-14-30-00": "bare, 2.5 m to the left", '
-            clone.edit(
-                "conf/dataset/town.yaml", f"tiny: {{{stress}", "tiny: {"
-            )  # one day of it is enough
+            # one day of it is enough
+            clone.edit("conf/dataset/town.yaml", f"tiny: {{{stress}", "tiny: {")
             clone.run(
                 *(
                     "yearloc",
@@ -162,9 +161,8 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Clone:
                 "methods=sad",
                 "--add",
             )
-            clone.edit(
-                "conf/poses.yaml", "rounds: [5, 20]", "rounds: [8]"
-            )  # nothing is sure in so small a world
+            # nothing is sure in so small a world
+            clone.edit("conf/poses.yaml", "rounds: [5, 20]", "rounds: [8]")
             clone.edit("conf/poses.yaml", "every_m: 5.0", "every_m: 20.0")
             share_kernels(clone.folder, ROOT)
             told.write_text(json.dumps({"ran": clone.repro(), "undisturbed": clone.digests()}))

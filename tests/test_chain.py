@@ -30,9 +30,8 @@ def test_every_stage_runs_once_and_leaves_its_artifact(built):
     # learning further days is below; both studies have a survey
     assert ran == set(definition(ROOT)["stages"]) - {"lifelong", "slam", "slam_further"}
     lists = yaml.safe_load((built.folder / "conf/lists.yaml").read_text())["lists"]
-    wanted = sum(
-        len(lists[name]) * (1 + (name == "drives")) for name in LISTS
-    )  # logs and scans of a drive
+    # logs and scans of a drive
+    wanted = sum(len(lists[name]) * (1 + (name == "drives")) for name in LISTS)
     assert len(built.ran) == len(set(built.ran)) == wanted
     assert not list(built.folder.rglob("*.scratch"))
     assert not list((built.folder / ".checkpoints").glob("*"))

@@ -124,9 +124,8 @@ def test_deps_cover_the_modules_that_the_stage_can_import(instances: list[Instan
             for module in needed
             for end in (".py", "/__init__.py")
         )
-        files = {
-            file for file in either if (ROOT / file).is_file() and (ROOT / file).read_text()
-        }  # an empty package says nothing
+        # an empty package says nothing
+        files = {file for file in either if (ROOT / file).is_file() and (ROOT / file).read_text()}
         deps = instance.paths(params=False)
         missing = {str(file) for file in files if not any(map(file.is_relative_to, deps))}
         assert not missing, instance.stage

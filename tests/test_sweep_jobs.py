@@ -56,9 +56,8 @@ def test_sweeps_side_by_side_lose_and_spoil_nothing(built: Clone) -> None:
         one, other = pool.map(lambda _: Swept(built, *overrides), range(2))
     assert one.code == other.code == 0
     assert outcome(one) == outcome(other)
-    assert (
-        sum(sum(job["built"].values()) for swept in (one, other) for job in swept.jobs) == 2 * 2
-    )  # each artifact once
+    # each artifact once
+    assert sum(sum(job["built"].values()) for swept in (one, other) for job in swept.jobs) == 2 * 2
     assert outcome(Swept(built, "localize.k=5,6", "grid.cell_m=10"))[0][1] == outcome(one)[0][1]
 
 

@@ -26,9 +26,8 @@ from tests.listening import addresses
 
 ROOT = Path(__file__).parents[2]
 SLURM_CONF = os.environ.get("SLURM_CONF")
-LEFT_OPEN = pytest.mark.filterwarnings(
-    "ignore::pytest.PytestUnraisableExceptionWarning"
-)  # dask-jobqueue's files of keys
+# dask-jobqueue's files of keys
+LEFT_OPEN = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 
 
 @pytest.fixture(scope="module")
@@ -113,10 +112,8 @@ def test_a_block_that_ends_every_worker_is_one_line(local: Compute) -> None:
     ) as raised:
         list(local.rows(deadly, 1, 1))
     assert "\n" not in str(raised.value)
-    assert list(local.rows(lambda start, stop: start, 2, 1)) == [
-        0,
-        1,
-    ]  # the next call finds new workers
+    # the next call finds new workers
+    assert list(local.rows(lambda start, stop: start, 2, 1)) == [0, 1]
 
 
 def test_an_error_of_a_block_comes_as_it_is(local: Compute) -> None:

@@ -72,9 +72,8 @@ def test_an_array_that_says_it_is_huge_is_not_read(tmp_path: Path) -> None:
     form.write_text(json.dumps(json.loads(form.read_text()) | {"shape": [10**12]}))
     with pytest.raises(ArtifactError, match="not as they were written"):
         store.read(path, Things)
-    zarr.open_group(path, mode="r+").attrs[sealed.SEAL] = sealed.metadata_checksum(
-        path
-    )  # by somebody who knows how
+    # by somebody who knows how
+    zarr.open_group(path, mode="r+").attrs[sealed.SEAL] = sealed.metadata_checksum(path)
     with pytest.raises(
         ArtifactError, match="249999999999 of 250000000000 files of heights are missing"
     ):

@@ -212,9 +212,8 @@ def test_what_a_killed_writer_left_is_swept_and_a_living_one_is_not_disturbed(
     assert killed.returncode == -9
     (left,) = tmp_path.iterdir()
     assert left.name.startswith(".a.zarr.")
-    living = (
-        tmp_path / f".a.zarr.{os.getppid()}.scratch"
-    )  # the parent of this process runs for as long as this does
+    # the parent of this process runs for as long as this does
+    living = tmp_path / f".a.zarr.{os.getppid()}.scratch"
     other = tmp_path / left.name.replace("a.zarr", "b.zarr")
     living.mkdir()
     other.mkdir()

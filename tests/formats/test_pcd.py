@@ -133,6 +133,13 @@ def test_points_come_back(data: str, points: list[tuple[float, ...]]) -> None:
 ASCII = header("ascii") + "1 2 3\n4 5 6\n"
 BINARY = header("binary").encode() + bytes(24)
 ZEROS = compressed(bytes(24), literals(bytes(24)))
+BLOCKS = (
+    literals(bytes(23)),
+    bytes([0x20, 0]),  # copies from before the start
+    bytes([31]) + bytes(5),  # 32 literals, five there
+    bytes([0, 0, 0xE0]),  # a copy without its length
+    bytes([0, 0, 0xE0, 255, 0]),  # copies over the end
+)
 HUGE = header("binary", points=10**12).encode()
 
 
@@ -166,23 +173,7 @@ HUGE = header("binary", points=10**12).encode()
         (ZEROS[:-1], "is 23 bytes long; the file is damaged|is 24 bytes long; the file is damaged"),
         (ZEROS[: len(header("binary_compressed")) + 5], "no sizes after"),
         (compressed(bytes(25), literals(bytes(24))), "25 bytes of points, 24 for"),
-        (compressed(bytes(24), literals(bytes(23))), "compressed block is damaged"),
-        (
-            compressed(bytes(24), bytes([0x20, 0])),
-            "compressed block is damaged",
-        ),  # copies from before the start
-        (
-            compressed(bytes(24), bytes([31]) + bytes(5)),
-            "compressed block is damaged",
-        ),  # 32 literals, five there
-        (
-            compressed(bytes(24), bytes([0, 0, 0xE0])),
-            "compressed block is damaged",
-        ),  # a copy without its length
-        (
-            compressed(bytes(24), bytes([0, 0, 0xE0, 255, 0])),
-            "compressed block is damaged",
-        ),  # copies over the end
+        *((compressed(bytes(24), block), "compressed block is damaged") for block in BLOCKS),
     ],
 )
 def test_a_damaged_file_raises_an_error_of_one_line(data: bytes | str, says: str) -> None:

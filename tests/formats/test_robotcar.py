@@ -87,9 +87,8 @@ def test_a_drive_that_is_written_is_read_back(tmp_path: Path, lasers: tuple[str,
     log = RobotCar(lasers).open(tmp_path, SEQUENCE)
     assert log.stamps_ns.tolist() == [1000 * utime for utime in utimes]
     assert (log.notes, log.skipped) == ((), {})
-    np.testing.assert_allclose(
-        log.world_T_scan, world_T_vehicle, atol=1e-4
-    )  # the file has 12 digits: 10 µm of a northing
+    # the file has 12 digits: 10 µm of a northing
+    np.testing.assert_allclose(log.world_T_scan, world_T_vehicle, atol=1e-4)
     np.testing.assert_allclose(
         log.odom_T_scan, np.linalg.inv(world_T_vehicle[0]) @ world_T_vehicle, atol=1e-6
     )

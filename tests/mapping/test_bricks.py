@@ -36,9 +36,8 @@ def assert_sound(bricks: Bricks) -> None:
 
 def test_leaves_outside_the_cube_are_dropped_though_their_brick_stays() -> None:
     made = Octree(**NEAR, motion="none").grow()
-    made.insert(
-        np.array([[-7.9, 0.2, 1.2], [-7.4, 0.2, 1.2]]), at(0.1)
-    )  # the two lowest leaves along x
+    # the two lowest leaves along x
+    made.insert(np.array([[-7.9, 0.2, 1.2], [-7.4, 0.2, 1.2]]), at(0.1))
     place = made.bricks.places[: made.bricks.used[0]].tolist()
     assert np.argwhere(made.log_odds > 0)[:, 0].tolist() == [0, 1]
     made.insert(np.empty((0, 3)), at(0.6))  # a leaf on
@@ -53,9 +52,8 @@ def test_bricks_are_allocated_along_rays_alone() -> None:
     assert made.bricks.used[0] == 0
     made.insert(np.array([[7.2, 0.2, 1.2]]), at(0.1))  # along x from 0.1 m to 7.3 m: bricks of 4 m
     assert made.bricks.used[0] == 2
-    made.insert(
-        np.array([[20.0, 0.2, 1.2], [0.2, 0.2, 0.9]]), at(0.1)
-    )  # no further than the window
+    # no further than the window
+    made.insert(np.array([[20.0, 0.2, 1.2], [0.2, 0.2, 0.9]]), at(0.1))
     assert made.bricks.used[0] == 2
 
 

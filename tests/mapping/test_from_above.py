@@ -44,9 +44,8 @@ def test_without_points_there_is_no_footprint_and_without_scans_no_drive(tmp_pat
 
 def test_a_scan_is_kept_as_cells_of_what_stands(tmp_path: Path) -> None:
     scan = np.concatenate([POST_M, KERB_M])
-    assert drive(tmp_path, [scan], planar(0, 0, 0)[None]).cells(0).tolist() == [
-        [8, 4]
-    ]  # 4.1 m and 2.1 m in cells of half a metre
+    # 4.1 m and 2.1 m in cells of half a metre
+    assert drive(tmp_path, [scan], planar(0, 0, 0)[None]).cells(0).tolist() == [[8, 4]]
 
 
 def test_all_points_of_a_laser_that_sweeps_one_plane_stand(tmp_path: Path) -> None:

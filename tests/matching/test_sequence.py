@@ -101,9 +101,8 @@ def test_what_does_not_vary_has_no_contrast_and_the_least_is_one_low_value_among
     assert contrast(np.empty((0, 2), np.float32), 10).shape == (0, 2)
     column = np.full((30, 1), 9.0, np.float32)
     column[15] = 1
-    assert contrast(column, 10)[15, 0] == pytest.approx(
-        least(10)
-    )  # (1 − 91 / 11) / √(64 · 10/11 / 10) = −10 / √11
+    # (1 − 91 / 11) / √(64 · 10/11 / 10) = −10 / √11
+    assert contrast(column, 10)[15, 0] == pytest.approx(least(10))
     assert least(10) == pytest.approx(-10 / 11**0.5)
 
 

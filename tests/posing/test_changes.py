@@ -42,9 +42,8 @@ def test_a_wall_that_is_gone_is_told_by_two_scans_and_not_by_one() -> None:
     mapped = targets(room(NEAR))
     scans = [room(FAR), moved_room(1.0)]
     poses = np.array([planar(0, 0, 0), planar(1.0, 0, 0)])
-    assert contradicted(mapped, WALLS, scans, poses, 0.1) == {
-        0: 0
-    }  # the nearer of the two takes its place
+    # the nearer of the two takes its place
+    assert contradicted(mapped, WALLS, scans, poses, 0.1) == {0: 0}
     assert contradicted(mapped, WALLS, scans[:1], poses[:1], 0.1) == {}
 
 

@@ -175,10 +175,8 @@ def test_robustness_adds_sequences_cells_variants_and_alterations() -> None:
         lists["rankings"][f"one-{name}"] for name in ("10m-sci", "10m-sci-seed1", "20m-sci")
     )
     assert (own["tests"], own["alterations"]) == ("d x", "turned construction")
-    assert (seed["tests"], seed["alterations"]) == (
-        "d x",
-        "turned",
-    )  # walls are asked about of the method's own model
+    # walls are asked about of the method's own model
+    assert (seed["tests"], seed["alterations"]) == ("d x", "turned")
     assert (further["tests"], further["alterations"]) == ("d", "")
     assert list(lists["altered"]) == [
         f"one-{view}-{name}" for view in ("sc", "cloud") for name in ("turned", "construction")

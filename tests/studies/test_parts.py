@@ -68,10 +68,8 @@ def test_what_is_recorded_moves_to_the_lock_file_of_its_part_and_back(root: Path
     assert DvcLock.read(root / "dvc.lock").stages == recorded
     assert recorded["scans@a"]["outs"][0]["rate"] == 2e-05
     assert "${lists.drives_3}" in (root / "dag/scans-3/dvc.yaml").read_text()
-    assert chosen(root, "xcab") == {
-        "scans": ["scans@c"],
-        "scans-2": ["scans@a", "scans@b"],
-    }  # x was never run, d and e are no more
+    # x was never run, d and e are no more
+    assert chosen(root, "xcab") == {"scans": ["scans@c"], "scans-2": ["scans@a", "scans@b"]}
     assert chosen(root, "ab") == {"scans": ["scans@a", "scans@b"]}
     assert sorted(path.name for path in (root / "dag").iterdir()) == ["logs", "scans"]
     assert DvcLock.read(root / "dvc.lock").stages["scans@a"] == recorded["scans@a"]

@@ -146,9 +146,8 @@ def test_the_ground_stays_ground_to_a_robot_that_pitches_over_it(upright: str, d
     if upright == "ground":
         up = np.array([-slope, 0.0, 1.0])
         np.testing.assert_allclose(standing[:3, 2], up / np.linalg.norm(up), atol=1e-3)
-        height_m = 0.4 / (
-            math.cos(lean) - math.sin(lean) * slope
-        )  # along the robot's own axis, at which the plane is met above its origin
+        # along the robot's own axis, at which the plane is met above its origin
+        height_m = 0.4 / (math.cos(lean) - math.sin(lean) * slope)
         np.testing.assert_allclose(standing[:3, 3], leaning[:3, 2] * height_m, atol=0.01)
         np.testing.assert_array_equal(view.standing(post(10.0, 3.0)[:2], leaning), leaning)
 

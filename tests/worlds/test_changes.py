@@ -32,16 +32,10 @@ def nobody(campus_and_plan: tuple[Campus, object]) -> Campus:
 @pytest.mark.parametrize(
     ("what", "done", "first"),
     [
-        (
-            "construction",
-            300.4,
-            191,
-        ),  # the fence is up 110 days before: 190.4, so it shows on day 191
-        (
-            "construction",
-            90.0,
-            20,
-        ),  # the fence stood on the training day, the mound comes 70 days before
+        # the fence is up 110 days before: 190.4, so it shows on day 191
+        ("construction", 300.4, 191),
+        # the fence stood on the training day, the mound comes 70 days before
+        ("construction", 90.0, 20),
         ("construction", 60.0, 60),  # the mound lay there too
         ("demolition", 60.0, 60),
     ],
