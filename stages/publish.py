@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pipeline.core import store
 from pipeline.evaluation import results
+from pipeline.evaluation.rows import pick
 from pipeline.running.dvc_files import DvcLock
 from pipeline.studies import measured
 from pipeline.studies.layout import Layout
@@ -50,7 +51,7 @@ def main(settings: Settings) -> str:
     runs = list[tracking.RunRecord]()
     for grid in study.grid_names:
         figures = layout.path("report", study.name, grid)
-        study_runs = StudyRuns(study, grid, table[table["grid"] == grid], figures, lock)
+        study_runs = StudyRuns(study, grid, pick(table, grid=grid), figures, lock)
         if study.learns_further_days:
             runs += of_strategies(study_runs)
         if study.asks_about_the_year:

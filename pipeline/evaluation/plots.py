@@ -7,7 +7,7 @@ study's first cell size.
 import pandas as pd
 
 from pipeline.evaluation.results import ResultsTable
-from pipeline.evaluation.rows import UNPERTURBED
+from pipeline.evaluation.rows import UNPERTURBED, pick
 from pipeline.studies.models import ModelName
 
 YEAR_COLUMNS = {
@@ -25,15 +25,11 @@ def year(table: pd.DataFrame) -> pd.DataFrame:
     `table` is the table of results; the study's first grid is the one that it names first.
     """
     grids = table.loc[table["grid"] != "", "grid"].unique()
-    plain_rows = table[
-        table["grid"].isin(grids[:1])
-        & (table["ask"] == UNPERTURBED)
-        & (table["variant"] == "")
-        & (table["seed"] == 0)
-    ]
+    own_rows = table[table["grid"].isin(grids[:1])]
+    plain_rows = pick(own_rows, ask=UNPERTURBED, variant="", seed=0)
     columns = {}
     for column, (protocol, number) in YEAR_COLUMNS.items():
-        rows = plain_rows[(plain_rows["protocol"] == protocol) & (plain_rows["number"] == number)]
+        rows = pick(plain_rows, protocol=protocol, number=number)
         columns[column] = rows.set_index(["method", "sequence", "days"])["value"]
     wide = pd.DataFrame(columns).dropna(subset="auc_top1")
     return wide.reset_index().sort_values(["method", "days", "sequence"])

@@ -91,7 +91,7 @@ def table_texts(
     texts = {}
     for name, study in studies.items():
         one_study = {name: study}
-        rows = results[results["study"] == name]
+        rows = pick(results, study=name)
         for kind, text in (
             ("brief", f"```\n{brief(rows, one_study, WIDEST).strip()}\n```"),
             ("tables", document(rows, one_study)),

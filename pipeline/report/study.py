@@ -95,7 +95,7 @@ class Study:
     @cached_property
     def rows(self) -> pd.DataFrame:
         """The rows of the study's grid."""
-        return self.table[self.table["grid"] == self.grid]
+        return pick(self.table, grid=self.grid)
 
     @cached_property
     def driven(self) -> pd.DataFrame:

@@ -462,7 +462,7 @@ def ageing(rows: pd.DataFrame, protocol: str, name: str, title: str) -> Table:
     digits = 1 if name == PERCENTILE else 3
     per = f"per_{PER_DAYS}_days"
     table_rows = []
-    for model in lines.loc[lines["number"] == f"{name}_line", "method"].unique():
+    for model in pick(lines, number=f"{name}_line")["method"].unique():
         fitted = indexed(pick(lines, method=model), "number")
         slope, *interval = fitted.get(f"{name}_{per}", NONE)
         retrain_after, *retrain_interval = fitted.get(f"{name}_retrain_after_days", NONE)

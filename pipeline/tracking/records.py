@@ -19,7 +19,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ArtifactError
-from pipeline.evaluation.rows import COURSE, HEADING, NOVELTY, UNPERTURBED
+from pipeline.evaluation.rows import COURSE, HEADING, NOVELTY, UNPERTURBED, pick
 from pipeline.evaluation.study_rows import AGEING, PERCENTILE
 from pipeline.running.dvc_files import DvcLock
 from pipeline.running.telemetry import Trace, costs
@@ -98,8 +98,8 @@ class StudyRuns:
         """
         study = self.study
         family = answerer.family  # the method, and its variant if it has one
-        rows = self.rows[(self.rows["model"] == family) & (self.rows["seed"] == 0)]
-        driven = rows[rows["ask"] == UNPERTURBED]
+        rows = pick(self.rows, model=family, seed=0)
+        driven = pick(rows, ask=UNPERTURBED)
         tested = rows[rows["sequence"].isin(study.tests)]
         series = days_series(tested) | mean_series(tested) | training_series(arrays)
         series |= ageing_series(driven) | viewpoint_series(rows) | extra_series
@@ -129,7 +129,7 @@ class StudyRuns:
 
     def _day(self, run: RunRecord, model: str, test: str, rows: pd.DataFrame) -> RunRecord:
         """The child of a method's run that holds one test sequence."""
-        day_rows = rows[rows["sequence"] == test]
+        day_rows = pick(rows, sequence=test)
         days = day_rows["days"].dropna().astype(int).tolist()
         return RunRecord(
             name=test,
@@ -221,8 +221,8 @@ def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:
     seeds, with a point for each step; a step learns a day.
     """
     study = study_runs.study
-    rows = study_runs.rows
-    rows = rows[(rows["ask"] == COURSE) & np.isfinite(rows["value"])]
+    rows = pick(study_runs.rows, ask=COURSE)
+    rows = rows[np.isfinite(rows["value"])]
     # a course is the order and the strategy, such as `days grown`
     strategies = rows["of"].str.partition(" ")[2].unique().tolist()
     for (name, model), group in rows.groupby(["of", "model"], sort=False):
@@ -235,7 +235,7 @@ def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:
             "strategy": strategy,
         }
         seeds = group["seed"].unique()
-        places = group[group["number"] == "places"].sort_values("at")
+        places = pick(group, number="places").sort_values("at")
         steps = places["sequence"].unique().tolist()
         yield RunRecord(
             name=f"{study_runs.run_name(course['model'])} {order} {strategy}",
@@ -334,10 +334,10 @@ def days_series(rows: pd.DataFrame) -> Series:
     is_shown = np.isfinite(rows["days"]) & (rows["value"].abs() <= LARGEST)
     # a `…_line` is the value of a fitted line on that day, which `ageing_series` sums up
     rows = rows[is_shown & ~rows["number"].str.endswith("_line")]
-    plain = rows[rows["ask"] == UNPERTURBED]
+    plain = pick(rows, ask=UNPERTURBED)
     groups = plain["number"].map(GROUPS).fillna(plain["protocol"])
     plain_series = _points(plain, groups + "/" + plain["number"], "days")
-    novelty = rows[(rows["ask"] == NOVELTY) & (rows["protocol"] == "cells")]
+    novelty = pick(rows, ask=NOVELTY, protocol="cells")
     novelty = novelty[novelty["number"].isin(REJECTION)]
     novelty_names = "rejection/" + novelty["of"] + "_" + novelty["number"].map(REJECTION)
     return plain_series | _points(novelty, novelty_names, "days")
@@ -346,7 +346,7 @@ def days_series(rows: pd.DataFrame) -> Series:
 def mean_series(rows: pd.DataFrame) -> Series:
     """The mean of each of MEANS over the test days that have it: a single value, `mean/…`."""
     is_shown = np.isfinite(rows["days"]) & np.isfinite(rows["value"])
-    plain = rows[(rows["ask"] == UNPERTURBED) & is_shown]
+    plain = pick(rows[is_shown], ask=UNPERTURBED)
     means = plain.groupby(["protocol", "number"])["value"].mean()
     return {
         f"mean/{protocol}_{name}": [(0, means[protocol, name])]
@@ -371,7 +371,7 @@ def ageing_series(rows: pd.DataFrame) -> Series:
     runs, and any other as a line, which would be a dot.
     """
     # rows of all days together have no sequence
-    year_rows = rows[rows["sequence"] == ""].set_index(["protocol", "number"])
+    year_rows = pick(rows, sequence="").set_index(["protocol", "number"])
     series = Series()
     for protocol, number in AGEING:
         name = number if number == PERCENTILE else f"{protocol}_{number}"
@@ -395,7 +395,7 @@ def viewpoint_series(rows: pd.DataFrame) -> Series:
 
     Paper 2 is IROS 2018's on unsupervised features of bird-views.
     """
-    turned = rows[(rows["of"] == HEADING) & np.isfinite(rows["value"])]
+    turned = pick(rows[np.isfinite(rows["value"])], of=HEADING)
     names = "viewpoints/" + turned["number"] + " " + turned["sequence"]
     return _points(turned, names, "at")  # `at` is the heading
 

@@ -204,7 +204,7 @@ def _events(study: Study, folder: Path, least_queries: int) -> Section:
     """Numbers by the distance to the nearest building that went up or came down."""
     rows = study.rows
     levels_m = pick(rows, ask=NEAR_CHANGE, of=SHOWN)["at"].unique()
-    changes = rows.loc[rows["method"] == "", "number"].str.extract("^(.*)_changes$")[0]
+    changes = pick(rows, method="")["number"].str.extract("^(.*)_changes$")[0]
     bands = Bands(sorted(levels_m[np.isfinite(levels_m)]), [*changes.dropna().unique()])
     names = dict(zip((*bands.edges_m, np.inf), bands.names, strict=True))
     farthest = pick(

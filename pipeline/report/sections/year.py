@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from pipeline.alterations.construction import Construction
 from pipeline.core import store
 from pipeline.core.schemas import VIEW_KINDS, ScanContextViews, Scans, Submaps, Views
+from pipeline.evaluation.rows import pick
 from pipeline.evaluation.study_rows import AGEING, PER_DAYS
 from pipeline.mapping.gathering import submap_points
 from pipeline.report import findings, tables
@@ -222,7 +223,7 @@ def _matches(study: Study, model: str, chosen: list[matches.Example]) -> Figure 
 
 def _ageing(study: Study, folder: Path, sources: list[str]) -> Section:
     """Whether methods recognise their places less well with the days, and when to train again."""
-    rows = study.driven[study.driven["variant"] == ""]
+    rows = pick(study.driven, variant="")
     last_day = max(result.days for result in study.results)
     followed = [
         ageing.FollowedNumber(protocol, number, LINES[number].format(protocol))
