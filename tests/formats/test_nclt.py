@@ -38,16 +38,11 @@ def test_poses_come_back(tmp_path: Path) -> None:
     rows = np.array(
         [[1, 2, 3, 0.1, 0.2, 0.3], [1.5, np.nan, 3, 0, 0, 0], [-1e3, 12.345678, 0, 0, 0, -3]]
     )
-    nclt.write_pose_rows(
-        path, np.array([1_326_030_975_000_000, 1_326_030_975_000_001, 1_326_030_976_000_000]), rows
-    )
+    utimes = 1_326_030_975_000_000 + np.array([0, 1, 1_000_000])
+    nclt.write_pose_rows(path, utimes, rows)
     np.testing.assert_allclose(np.loadtxt(path, delimiter=",")[:, 1:], rows, rtol=1e-8)
     truth = read_poses(path)
-    assert truth.stamps_ns.tolist() == [
-        1_326_030_975_000_000_000,
-        1_326_030_975_000_001_000,
-        1_326_030_976_000_000_000,
-    ]
+    assert truth.stamps_ns.tolist() == (1000 * utimes).tolist()
     assert np.isfinite(truth.world_T_body).all(axis=(1, 2)).tolist() == [True, False, True]
 
 

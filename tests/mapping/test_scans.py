@@ -124,9 +124,5 @@ def test_a_break_in_the_odometry_outlives_the_scan_that_marked_it() -> None:
     odometry[2] = np.nan
     intake = Intake(replace(drive, odom_T_scan=odometry), 0.005, 0)
     taken(intake)
-    assert np.isnan(intake.poses()["odom_T_scan"]).all(axis=(1, 2)).tolist() == [
-        False,
-        False,
-        True,
-        False,
-    ]
+    is_break = np.isnan(intake.poses()["odom_T_scan"]).all(axis=(1, 2))
+    assert is_break.tolist() == [False, False, True, False]

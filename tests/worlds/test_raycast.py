@@ -46,27 +46,12 @@ def test_a_mover_hides_what_is_behind_it():
     )
     person = records(CYLINDER, x_m=5.0, y_m=0.0, radius_m=0.25, top_m=1.8, kind=Kind.PERSON)
     scene = build_scene(wall, NOTHING, np.zeros(0, CROWN), flat)
-    ranges, kinds, _ = cast(
-        scene,
-        person,
-        np.array([[0.0, 0.0, 1.3]]),
-        np.eye(3)[None],
-        np.array([[1.0, 0.0, 0.0]]),
-        90.0,
-        SEED,
-    )
     # The person's side is at 5 − 0.25, the wall's at 20 − 1.
-    assert (ranges[0], kinds[0]) == (4.75, Kind.PERSON)
-    ranges, kinds, _ = cast(
-        scene,
-        NOTHING,
-        np.array([[0.0, 0.0, 1.3]]),
-        np.eye(3)[None],
-        np.array([[1.0, 0.0, 0.0]]),
-        90.0,
-        SEED,
-    )
-    assert (ranges[0], kinds[0]) == (19.0, Kind.BUILDING)
+    origin = np.array([[0.0, 0.0, 1.3]])
+    ray = np.array([[1.0, 0.0, 0.0]])
+    for movers, expected in ((person, (4.75, Kind.PERSON)), (NOTHING, (19.0, Kind.BUILDING))):
+        ranges, kinds, _ = cast(scene, movers, origin, np.eye(3)[None], ray, 90.0, SEED)
+        assert (ranges[0], kinds[0]) == expected
 
 
 def test_the_grid_walk_sees_what_brute_force_sees(campus_and_plan: tuple[Campus, Plan]):
