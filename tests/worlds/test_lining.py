@@ -22,7 +22,7 @@ from worlds.layout.shapes import Kind, Records, Species
 from worlds.simulation import Simulation
 
 KITTI = {"points": 123205, ".3-5 m": 0.463, "50 m light": 0.131, "50 m lit": 0.237}
-"""How full the recorded log 00 is (docs/notes/choices.md, 'How full the simulated views are')."""
+"""How full the recorded log 00 is (docs/notes/worlds.md)."""
 BAND = 1 / 3
 """A simulated number may differ from the recorded one by this share of it."""
 PRESENT = date(2012, 6, 15), date(2012, 10, 28)

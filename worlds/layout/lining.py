@@ -5,7 +5,7 @@ and parked cars on both sides, as in an old suburb. A `campus` keeps its blocks,
 low walls and bushes beside its ways and at the feet of its buildings.
 
 All shares, pitches and sizes below were set so that scans and views are about as full as recorded
-ones (docs/notes/choices.md), never by the score of a method.
+ones (docs/notes/worlds.md), never by the score of a method.
 
 A box is written `Part(x, y, half length along x, half width along y, bottom, top)`, in metres: its
 centre in the frame of its lot or building, and its heights above the ground.
