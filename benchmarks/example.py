@@ -19,7 +19,7 @@ from scipy.spatial import KDTree
 from pipeline.core.frames import moved, step_lengths_m
 from pipeline.core.replacing import replace
 from pipeline.online.example import SCANS, SITE, ExampleScan
-from pipeline.online.inputs import Scan, scans
+from pipeline.online.inputs import Scan, ScanOptions
 from pipeline.online.site import Site
 from pipeline.online.site_file import Arrays, read, write
 from pipeline.posing.verdict import OF_SCANS
@@ -43,10 +43,8 @@ def main(whole: Path, logs: Path) -> None:
     learned_day = site.description.provenance.train
     days = [path.name for path in sorted(logs.iterdir()) if path.is_dir()]
     later = [day for day in days if day != learned_day]
-    drives = {
-        day: list(scans(str(logs / day), site.description.reader, site.description.sensor.lift_m))
-        for day in later
-    }
+    options = ScanOptions(site.description.reader, site.description.sensor.lift_m)
+    drives = {day: list(options.scans(str(logs / day), Counter())) for day in later}
     last = later[-1]
     chosen = {
         "learned_place": (middle(site, drives[last]), "a place that was learned"),

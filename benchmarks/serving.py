@@ -18,7 +18,7 @@ import numpy as np
 import requests
 
 from pipeline.online.bodies import FLOATS
-from pipeline.online.inputs import scans
+from pipeline.online.inputs import ScanOptions
 from pipeline.online.site_file import read
 
 PORT = 8799
@@ -48,7 +48,8 @@ def hostile(whole: bytes, rng: np.random.Generator) -> bytes:
 
 
 def main(site: str, folder: str) -> None:
-    found = islice(scans(folder, read(Path(site)).description.reader, 0.0), SCANS)
+    options = ScanOptions(read(Path(site)).description.reader)
+    found = islice(options.scans(folder, Counter()), SCANS)
     bodies = [scan.points().astype("<f4").tobytes() for scan in found]
     for workers in (1, os.cpu_count() or 1):
         words = [

@@ -16,7 +16,7 @@ from pipeline.cli.kernels import tell_cold
 from pipeline.cli.options import BodyTLidar, Promise
 from pipeline.cli.outputs import check_folder
 from pipeline.cli.project import named_model
-from pipeline.cli.scan_options import ScanOptions
+from pipeline.cli.scan_options import scan_options
 from pipeline.cli.summary import tell_left_out
 from pipeline.core.errors import ConfigError, LogError
 
@@ -97,7 +97,7 @@ def _judged_of_site(
     site = Site.open(Path(name), level=False)
     site.check(promise)
     tell_cold()
-    options = ScanOptions.of(site, body_T_lidar=body_T_lidar)
+    options = scan_options(site, body_T_lidar=body_T_lidar)
     if log is None:
         raise ConfigError(f"{name} is a site: say which log, `yearloc failures {name} LOG`")
     skipped: Counter[str] = Counter()

@@ -15,7 +15,7 @@ from pipeline.cli.kernels import tell_cold
 from pipeline.cli.options import BodyTLidar, SitePath, Topic
 from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Lines
-from pipeline.cli.scan_options import ScanOptions
+from pipeline.cli.scan_options import scan_options
 from pipeline.cli.summary import tell_left_out
 from pipeline.core.errors import ConfigError
 
@@ -91,7 +91,7 @@ def grow(
         site.check(promise)
     tell_cold()
     skipped: Counter[str] = Counter()
-    options = ScanOptions.of(site, topic=topic, odometry=odometry, body_T_lidar=body_T_lidar)
+    options = scan_options(site, topic=topic, odometry=odometry, body_T_lidar=body_T_lidar)
     scans = list(options.scans(log, skipped))
     tell_left_out(skipped)
     adoption = _adoption(site, scans, poses, promise)

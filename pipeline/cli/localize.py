@@ -27,7 +27,7 @@ from pipeline.cli.options import (
     only_one,
 )
 from pipeline.cli.outputs import check_file
-from pipeline.cli.scan_options import ScanOptions, check_site
+from pipeline.cli.scan_options import check_site, scan_options, scans_or_followed
 from pipeline.cli.summary import Summary
 from pipeline.core.errors import ConfigError
 
@@ -36,6 +36,7 @@ if TYPE_CHECKING:  # at run time these would slow the start of every command
     from numpy.typing import NDArray
 
     from pipeline.core.frames import Poses
+    from pipeline.online.inputs import ScanOptions
     from pipeline.online.site import Site
 
 Inputs = Annotated[
@@ -95,17 +96,17 @@ def localize(
     site = Site.open(path, threads)
     check_site(site, promise, odometry, track, follow)
     check_file(out, is_written_whole=output_format == "mcap")
-    if lift is not None and not follow:
-        _check_lift(lift, inputs, site)
-    options = ScanOptions.of(
+    options = scan_options(
         site, topic=topic, odometry=odometry, body_T_lidar=body_T_lidar, lift_m=lift
     )
+    if lift is not None and not follow:
+        _check_lift(options, inputs)
     summary = Summary(site.doubt_judge.tolerances)
     tracker = tracker_of(site, promise, track)
     tell_cold()
     with writer(output_format, out) as write:
         for source in inputs:
-            scans = options.scans_or_followed(source, follow, idle, summary)
+            scans = scans_or_followed(options, source, follow, idle, summary)
             # `localized` appends to `broken` why a scan could not be read
             for scan, points_m, fix in localized(scans, tracker or site, promise, summary.broken):
                 is_first = not summary.verdicts
@@ -132,15 +133,13 @@ def _without_garbage_collection() -> Iterator[None]:
         gc.enable()
 
 
-def _check_lift(lift_m: float, inputs: list[str], site: "Site") -> None:
+def _check_lift(options: "ScanOptions", inputs: list[str]) -> None:
     """Raise ConfigError for `--lift` with a log, whose points the site's reader raises itself."""
-    from pipeline.online.inputs import is_log
-
     for source in inputs:
-        if is_log(source, site.description.reader):
+        if options.is_log(source):
             raise ConfigError(
-                f"--lift {lift_m:g}: {source} is a log of the site's data set, whose reader raises "
-                "its points"
+                f"--lift {options.lift_m:g}: {source} is a log of the site's data set, whose "
+                "reader raises its points"
             )
 
 

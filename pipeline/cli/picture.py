@@ -15,7 +15,7 @@ from pipeline.cli.options import Odometry, Promise, Topic
 from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Bar
 from pipeline.cli.project import named_model
-from pipeline.cli.scan_options import ScanOptions
+from pipeline.cli.scan_options import scan_options
 from pipeline.core.errors import ConfigError, LogError
 
 if TYPE_CHECKING:  # at run time these would slow the start of every command
@@ -117,7 +117,7 @@ def draw_level_drive(
         raise ConfigError(f"{path}: expected a log or a bag after it")
     skipped: Counter[str] = Counter()
     broken: list[str] = []  # for each sweep that could not be read, why
-    sweeps = ScanOptions.of(site, topic=topic, odometry=odometry).scans(log, skipped)
+    sweeps = scan_options(site, topic=topic, odometry=odometry).scans(log, skipped)
     drive = [
         level_plan.Seen(points_m, fix, scan.world_T_scan)
         for scan, points_m, fix in localized(sweeps, Tracker(site, promise), promise, broken)

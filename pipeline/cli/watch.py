@@ -22,7 +22,7 @@ from pipeline.cli.options import (
     Track,
 )
 from pipeline.cli.outputs import check_file
-from pipeline.cli.scan_options import ScanOptions, check_site
+from pipeline.cli.scan_options import check_site, scan_options, scans_or_followed
 from pipeline.cli.summary import Summary
 from pipeline.core.errors import ConfigError
 
@@ -65,9 +65,9 @@ def watch(
     is_for_foxglove = save is not None and save.suffix == ".mcap"
     open_recording: Any = foxglove.Recording if is_for_foxglove else rerun.Recording
     tell_cold()
-    options = ScanOptions.of(site, topic=topic, odometry=odometry, body_T_lidar=body_T_lidar)
+    options = scan_options(site, topic=topic, odometry=odometry, body_T_lidar=body_T_lidar)
     summary = Summary(site.doubt_judge.tolerances)
-    all_scans = options.scans_or_followed(log, follow, idle, summary)
+    all_scans = scans_or_followed(options, log, follow, idle, summary)
     scans = islice(all_scans, 0, None, every)  # every N-th, from the first on
     localizer = tracker_of(site, promise, track) or site
     with open_recording(site, save, promise) as recording:

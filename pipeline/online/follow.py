@@ -22,7 +22,7 @@ from pipeline.core.frames import Poses, Stamps, moved
 from pipeline.formats.bag import CLOUD, TRANSFORMS
 from pipeline.formats.messages import from_cdr, header, poses
 from pipeline.formats.pointcloud2 import decode, times_s
-from pipeline.online.inputs import NO_POSE, Scan, child_T_body, lidar_on_vehicle
+from pipeline.online.inputs import NO_POSE, Scan, ScanOptions, child_T_body, lidar_on_vehicle
 from pipeline.online.odometry import AHEAD_S, Newest
 from pipeline.readers.bag_poses import KINDS, MAX_FIXED_CHANGE, Edge, Tree, pose_of, transform_of
 from pipeline.readers.deskew import deskewed
@@ -77,16 +77,10 @@ class Following:
 
     path: Path
     """FILE.mcap, or the folder that `ros2 bag record` writes it into."""
-    topic: str | None
-    """The topic of the clouds; None takes all clouds."""
-    lift_m: float
-    """How far the points are raised, on top of the recording's transforms."""
+    options: ScanOptions
+    """How its scans are read; without a topic all clouds are taken."""
     idle_s: float
     """The recording has ended when nothing was written for so many seconds."""
-    odometry: str | None = None
-    """A topic of poses, or tf:PARENT>CHILD for a transform that is sent again and again."""
-    body_T_lidar: Poses | None = None
-    """(4, 4) places the points, instead of the transforms and `lift_m`."""
     dropped: int = field(default=0, init=False)
     """How many clouds were pushed out by newer ones."""
     skipped: Counter[str] = field(default_factory=Counter, init=False)
@@ -124,14 +118,14 @@ class Following:
             stamp_ns, message = cloud
             yield self._scan(number, stamp_ns, message)
             number += 1
-        if self.odometry and not self._newest_poses.count:
-            self.damage = self.damage or f"{file}: no pose of {self.odometry} came"
+        if self.options.odometry and not self._newest_poses.count:
+            self.damage = self.damage or f"{file}: no pose of {self.options.odometry} came"
         if isinstance(self._ended, ConfigError):
             raise self._ended
         if not number and self.damage:
             raise LogError(self.damage)
         if not number:
-            on_topic = f" on {self.topic}" if self.topic else ""
+            on_topic = f" on {self.options.topic}" if self.options.topic else ""
             raise LogError(f"{file}: no PointCloud2{on_topic} came within {self.idle_s:g} s")
 
     def _next_cloud(self) -> tuple[int, bytes] | None:
@@ -140,12 +134,12 @@ class Following:
             self._changed.wait_for(lambda: self._clouds or self._ended)
             if not self._clouds:
                 return None
-            if self.body_T_lidar is None and not self._has_waited:
+            if self.options.body_T_lidar is None and not self._has_waited:
                 _, frame = header(self._clouds[0][1], 2)
                 self._changed.wait_for(partial(self._is_placed, {frame}), TRANSFORMS_S)
                 self._has_waited = True
             cloud = self._clouds.popleft()
-            if self.odometry:
+            if self.options.odometry:
                 stamp_ns, _ = cloud
                 newest = self._newest_poses
                 self._changed.wait_for(lambda: self._ended or newest.stamp_ns >= stamp_ns, AHEAD_S)
@@ -171,10 +165,11 @@ class Following:
             before_ns = stamp_ns - round(STEP_S * 1e9)
             odom_T_body = self._newest_poses.at(stamp_ns) @ child_T_body(transforms, child)
             odom_T_before = self._newest_poses.at(before_ns) @ child_T_body(transforms, child)
-        body_T_lidar = self.body_T_lidar
+        body_T_lidar = self.options.body_T_lidar
         if body_T_lidar is None:
             _, frame = header(data, 2)
-            body_T_lidar = raised(self.lift_m) @ lidar_on_vehicle(transforms, {frame}, child)
+            lidar_pose = lidar_on_vehicle(transforms, {frame}, child)
+            body_T_lidar = raised(self.options.lift_m) @ lidar_pose
         name = f"{self.path.name} {number}"
         step = np.linalg.inv(odom_T_before) @ odom_T_body
         points = partial(_points, data, stamp_ns, body_T_lidar, step)
@@ -230,9 +225,9 @@ class Following:
         """Keep a message if it is a transform, a pose of the odometry, or a cloud."""
         if kind == TRANSFORMS:
             self._keep_transforms(record, is_static=topic.endswith("tf_static"))
-        elif kind in KINDS and topic == self.odometry:
+        elif kind in KINDS and topic == self.options.odometry:
             self._keep_pose(record, kind)
-        elif kind == CLOUD and topic == (self.topic or topic):
+        elif kind == CLOUD and topic == (self.options.topic or topic):
             self._keep_cloud(record)
 
     def _keep_transforms(self, record: Any, is_static: bool) -> None:
@@ -247,7 +242,7 @@ class Following:
                 edge, stamp_ns, numbers = transform_of(transform)
                 parent, child = edge
                 parent_T_child = poses([numbers])
-                if self.odometry == f"tf:{parent}>{child}":
+                if self.options.odometry == f"tf:{parent}>{child}":
                     self._add_pose(stamp_ns, record, child, parent_T_child[0])
                 if np.isnan(parent_T_child).any():
                     continue

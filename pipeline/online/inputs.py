@@ -1,7 +1,7 @@
 """Opens what a user wants to localise: a log, ROS bags, a folder of scans, a file, standard input.
 
-`scans` gives one `Scan` after the other. It holds the stamp, and the poses by odometry and survey
-where there are any; its points are read only when they are asked for.
+`ScanOptions.scans` gives one `Scan` after the other. It holds the stamp, and the poses by odometry
+and survey where there are any; its points are read only when they are asked for.
 """
 
 import sys
@@ -58,56 +58,123 @@ class Scan:
     """(4, 4) places the points of the lidar in the vehicle; None for a log, whose reader does."""
 
 
-def scans(
-    source: str,
-    reader: Mapping[str, Any],
-    lift_m: float,
-    topic: str | None = None,
-    odometry: str | None = None,
-    skipped: Counter[str] | None = None,
-    body_T_lidar: Poses | None = None,
-    message: str = CLOUD,
-) -> Iterator[Scan]:
-    """The scans at a path, or of standard input for `-`; of bags the messages of a kind.
+@dataclass(frozen=True)
+class ScanOptions:
+    """How scans are read for a site: by the site's description, and by what a user says."""
 
-    A path is opened as the first of these that it can be:
+    reader: Mapping[str, Any]
+    """Settings of the reader of the site's data set, which opens logs with their poses."""
+    lift_m: float = 0.0
+    """By how much the points of files and bags are raised, so that the ground is at z = 0."""
+    topic: str | None = None
+    """The topic of a bag to read; None: the one with most messages."""
+    odometry: str | None = None
+    """The odometry of a bag: a topic of poses, or tf:PARENT>CHILD."""
+    body_T_lidar: Poses | None = None
+    """The pose (4, 4) that places the points, instead of `lift_m` and a bag's transforms."""
+    message: str = CLOUD
+    """The kind of a bag's messages that are read: clouds, or of a level site sweeps."""
 
-    - a log in the format of the site's data set, by its `reader`, with the log's poses;
-    - ROS bags: their clouds on `topic`, or on the one with most clouds; with the poses on
-      `odometry`, a topic or tf:PARENT>CHILD;
-    - a folder of scan files, or one such file.
+    def scans(self, source: str, skipped: Counter[str]) -> Iterator[Scan]:
+        """The scans at a path, or of standard input for `-`.
 
-    Points of bags and files are x forward, y left, z up. They are raised by `lift_m`, those of bags
-    besides placed by its transforms; or all are placed by `body_T_lidar` (4, 4) instead. What a
-    log or a bag leaves out is counted in `skipped`, by reason. Raises LogError where there is no
-    scan, ConfigError for a topic that a bag does not have.
-    """
-    file_body_T_lidar = raised(lift_m) if body_T_lidar is None else body_T_lidar
-    if source == "-":
-        data = sys.stdin.buffer.read(folder.LARGEST_BYTES + 1)
-        points = partial(decoded, data, Path("standard input.bin"))
-        yield _unposed("-", None, points, file_body_T_lidar)
-        return
-    path = Path(source).expanduser()
-    skipped = Counter() if skipped is None else skipped
-    if not path.exists():
-        raise LogError(f"{source}: no such file or folder")
-    if log := _log(path, reader):
-        skipped.update(log.skipped)
-        for row in range(len(log.stamps_ns)):
-            yield _of_log(log, row, path, str(path))
-    elif bags := find(path):
-        files = [BagFile(bag) for bag in bags]
-        yield from _of_bags(path, files, message, topic, odometry, lift_m, body_T_lidar, skipped)
-    else:
-        for file in [path] if path.is_file() else _files(path):
-            points = partial(_points_of_file, file)
-            yield _unposed(file.name, _stamp_ns(file.stem), points, file_body_T_lidar)
+        A path is opened as the first of these that it can be:
 
+        - a log in the format of the site's data set, by its `reader`, with the log's poses;
+        - ROS bags, with the poses of their odometry;
+        - a folder of scan files, or one such file.
 
-def is_log(source: str, reader: Mapping[str, Any]) -> bool:
-    """Whether the site's own reader opens a path, and so places its points itself."""
-    return source != "-" and _log(Path(source).expanduser(), reader) is not None
+        Points of bags and files are x forward, y left, z up. What a log or a bag leaves out is
+        counted in `skipped`, by reason. Raises LogError where there is no scan, ConfigError for a
+        topic that a bag does not have.
+        """
+        placement = raised(self.lift_m) if self.body_T_lidar is None else self.body_T_lidar
+        if source == "-":
+            data = sys.stdin.buffer.read(folder.LARGEST_BYTES + 1)
+            points = partial(decoded, data, Path("standard input.bin"))
+            yield _unposed("-", None, points, placement)
+            return
+        path = Path(source).expanduser()
+        if not path.exists():
+            raise LogError(f"{source}: no such file or folder")
+        if log := self._log(path):
+            skipped.update(log.skipped)
+            for row in range(len(log.stamps_ns)):
+                yield _of_log(log, row, path, str(path))
+        elif bags := find(path):
+            yield from self._of_bags(path, [BagFile(bag) for bag in bags], skipped)
+        else:
+            for file in [path] if path.is_file() else _files(path):
+                points = partial(_points_of_file, file)
+                yield _unposed(file.name, _stamp_ns(file.stem), points, placement)
+
+    def is_log(self, source: str) -> bool:
+        """Whether the site's own reader opens a path, and so places its points itself."""
+        return source != "-" and self._log(Path(source).expanduser()) is not None
+
+    def _log(self, path: Path) -> Log | None:
+        """The log at a path; None if the reader that the site was learned with cannot open it."""
+        with suppress(YearlocError, OSError):
+            return by_reader(path, build(self.reader, READERS))
+        return None
+
+    def _of_bags(self, path: Path, files: list[BagFile], skipped: Counter[str]) -> Iterator[Scan]:
+        """The clouds or sweeps of bags, with odometry at their stamps."""
+        clouds = Clouds.read(files, self._topic(path, files), skipped)
+        transforms = Transforms.read(files)
+        odometry = self._odometry(path, files)
+        child = odometry.child if odometry else None
+        body_T_lidar = self.body_T_lidar
+        if body_T_lidar is None:
+            body_T_lidar = raised(self.lift_m) @ lidar_on_vehicle(transforms, clouds.frames, child)
+        odom_T_body = np.tile(NO_POSE, (len(clouds.stamps_ns), 1, 1))
+        if odometry:
+            odom_T_child = _poses_at(odometry, clouds.stamps_ns)
+            odom_T_body = odom_T_child @ child_T_body(transforms, child)
+        log = Log(
+            clouds.stamps_ns,
+            np.full_like(odom_T_body, np.nan),
+            odom_T_body,
+            lambda row: moved(body_T_lidar, clouds.points(row)),
+            Counter(),
+            times_s=clouds.times_s,
+        )
+        for row in range(len(clouds.stamps_ns)):
+            recording = str(clouds.messages[row].file.path)
+            yield _of_log(log, row, path, recording, body_T_lidar)
+
+    def _topic(self, path: Path, files: list[BagFile]) -> str:
+        """The topic of bags to read: the one that was named, or the one with most messages."""
+        counts = Counter[str]()
+        for file in files:
+            for name, topic in file.topics.items():
+                if topic.kind == self.message:
+                    counts[name] += topic.count
+        if self.topic is None and not counts:
+            raise LogError(
+                f"{path}: no {self.message.rpartition('/')[2]} in it; `yearloc inspect "
+                f"{path.name}` says what it holds"
+            )
+        if self.topic is not None and self.topic not in counts:
+            kinds = "sweeps" if self.message == SWEEP else "clouds"
+            raise ConfigError(
+                f"--topic {self.topic}: {path} has the {kinds} {', '.join(counts) or 'none'}"
+            )
+        return self.topic or counts.most_common(1)[0][0]
+
+    def _odometry(self, path: Path, files: list[BagFile]) -> Track | None:
+        """The poses of the odometry that was named; None if none was."""
+        if self.odometry is None:
+            return None
+        pose_topics = set[str]()
+        for file in files:
+            pose_topics |= {topic for topic, at in file.topics.items() if at.kind in KINDS}
+        if self.odometry not in pose_topics and not self.odometry.startswith("tf:"):
+            raise ConfigError(
+                f"--odometry {self.odometry}: {path} has the poses "
+                f"{', '.join(sorted(pose_topics)) or 'none'}; or tf:PARENT>CHILD"
+            )
+        return track(files, self.odometry, ODOMETRY_GAP_S)
 
 
 def decoded(data: bytes, path: Path) -> NDArray[np.float64]:
@@ -169,13 +236,6 @@ def _points_of_file(file: Path) -> NDArray[np.float64]:
     return decoded(file.read_bytes(), file)
 
 
-def _log(path: Path, reader: Mapping[str, Any]) -> Log | None:
-    """The log at a path; None if the reader that the site was learned with cannot open it."""
-    with suppress(YearlocError, OSError):
-        return by_reader(path, build(reader, READERS))
-    return None
-
-
 def _files(path: Path) -> list[Path]:
     """The scan files of a folder, or of a folder in it, in the order of their numbers."""
     files = scan_files(path)
@@ -195,55 +255,6 @@ def _stamp_ns(stem: str) -> int | None:
     is_whole = stem.isascii() and stem.isdecimal()
     unit = folder.unit_of(stem) if is_whole else "s"
     return folder.stamp_ns(stem, unit) if unit in folder.UNIT_NS else None
-
-
-def _of_bags(
-    path: Path,
-    files: list[BagFile],
-    kind: str,
-    topic: str | None,
-    odometry: str | None,
-    lift_m: float,
-    body_T_lidar: Poses | None,
-    skipped: Counter[str],
-) -> Iterator[Scan]:
-    """The clouds or sweeps of bags, messages of `kind`, with odometry at their stamps."""
-    cloud_counts = Counter[str]()
-    for file in files:
-        for name, bag_topic in file.topics.items():
-            if bag_topic.kind == kind:
-                cloud_counts[name] += bag_topic.count
-    if topic is None and not cloud_counts:
-        raise LogError(
-            f"{path}: no {kind.rpartition('/')[2]} in it; `yearloc inspect {path.name}` says what "
-            "it holds"
-        )
-    if topic is not None and topic not in cloud_counts:
-        kinds = "sweeps" if kind == SWEEP else "clouds"
-        raise ConfigError(
-            f"--topic {topic}: {path} has the {kinds} {', '.join(cloud_counts) or 'none'}"
-        )
-    clouds = Clouds.read(files, topic or cloud_counts.most_common(1)[0][0], skipped)
-    transforms = Transforms.read(files)
-    odometry_track = _odometry(path, files, odometry)
-    child = odometry_track.child if odometry_track else None
-    if body_T_lidar is None:
-        body_T_lidar = raised(lift_m) @ lidar_on_vehicle(transforms, clouds.frames, child)
-    odom_T_body = np.tile(NO_POSE, (len(clouds.stamps_ns), 1, 1))
-    if odometry_track:
-        odom_T_child = _poses_at(odometry_track, clouds.stamps_ns)
-        odom_T_body = odom_T_child @ child_T_body(transforms, child)
-    log = Log(
-        clouds.stamps_ns,
-        np.full_like(odom_T_body, np.nan),
-        odom_T_body,
-        lambda row: moved(body_T_lidar, clouds.points(row)),
-        Counter(),
-        times_s=clouds.times_s,
-    )
-    for row in range(len(clouds.stamps_ns)):
-        recording = str(clouds.messages[row].file.path)
-        yield _of_log(log, row, path, recording, body_T_lidar)
 
 
 def lidar_on_vehicle(
@@ -266,21 +277,6 @@ def lidar_on_vehicle(
         f"{transforms.static.where}: no fixed transforms lead from {body} to "
         f"{', '.join(sorted(lidar_frames)):.80}, the frame of its points; give --body-T-lidar"
     )
-
-
-def _odometry(path: Path, files: list[BagFile], name: str | None) -> Track | None:
-    """The poses on the topic `name`, or of tf:PARENT>CHILD; None for no name."""
-    if name is None:
-        return None
-    pose_topics = set[str]()
-    for file in files:
-        pose_topics |= {topic for topic, at in file.topics.items() if at.kind in KINDS}
-    if name not in pose_topics and not name.startswith("tf:"):
-        raise ConfigError(
-            f"--odometry {name}: {path} has the poses {', '.join(sorted(pose_topics)) or 'none'}; "
-            "or tf:PARENT>CHILD"
-        )
-    return track(files, name, ODOMETRY_GAP_S)
 
 
 def _poses_at(odometry: Track, stamps_ns: Stamps) -> Poses:

@@ -10,6 +10,7 @@ import pytest
 from pipeline.core.errors import LogError
 from pipeline.formats.bag import BagWriter
 from pipeline.online.follow import Following
+from pipeline.online.inputs import ScanOptions
 from pipeline.online.odometry import Newest
 from tests.commands import Command
 from tests.online.made import scan
@@ -49,7 +50,7 @@ def record(path: Path, data: bytes, seconds: float) -> Thread:
 
 def test_every_cloud_is_handed_out_or_counted_as_dropped(recorded: bytes, tmp_path: Path) -> None:
     thread = record(tmp_path / "day.mcap", recorded, 2.0)
-    following = Following(tmp_path / "day.mcap", None, 0.0, 1.0)
+    following = Following(tmp_path / "day.mcap", ScanOptions({}), 1.0)
     seen = []
     for one in following.scans():
         time.sleep(0.5)  # slower than they come
@@ -89,10 +90,10 @@ def test_odometry_is_interpolated_at_the_stamps_of_clouds(tmp_path: Path, odomet
             if i < clouds:
                 cloud(bag, stamp_ns + 5 * 10**7, "base_link", np.ones((9, 3)))
     (file,) = (tmp_path / "day").glob("*.mcap")
-    seen = list(Following(file, None, 0.0, 0.3, odometry).scans())
+    seen = list(Following(file, ScanOptions({}, odometry=odometry), 0.3).scans())
     xs_m = [one.odom_T_scan[0, 3] for one in seen]
     np.testing.assert_allclose(xs_m, [0.05, 0.15, 0.25, 0.35], atol=1e-6)
-    other = Following(file, None, 0.0, 0.3, "/feet")
+    other = Following(file, ScanOptions({}, odometry="/feet"), 0.3)
     assert all(np.isnan(one.odom_T_scan).all() for one in other.scans())
     assert "no pose of /feet came" in other.damage
 
@@ -115,7 +116,7 @@ def test_a_damaged_recording_is_read_up_to_the_damage_which_is_reported(
 ) -> None:
     half = len(recorded) // 2
     (tmp_path / "day.mcap").write_bytes(recorded[:half] + recorded[half + 1001 :])
-    following = Following(tmp_path / "day.mcap", None, 0.0, 0.3)
+    following = Following(tmp_path / "day.mcap", ScanOptions({}), 0.3)
     assert 0 < len(list(following.scans())) + following.dropped < COUNT
     assert "day.mcap: damaged, what follows was not read" in following.damage
 
@@ -130,6 +131,6 @@ def test_a_file_without_clouds_is_an_error_in_a_line(
 ) -> None:
     (tmp_path / "day.mcap").write_bytes(data)
     with pytest.raises(LogError, match=rf"day\.mcap: {says}"):
-        list(Following(tmp_path / "day.mcap", None, 0.0, 0.3).scans())
+        list(Following(tmp_path / "day.mcap", ScanOptions({}), 0.3).scans())
     with pytest.raises(LogError, match=r"no \.mcap recording to follow"):
-        list(Following(tmp_path / "none", None, 0.0, 0.3).scans())
+        list(Following(tmp_path / "none", ScanOptions({}), 0.3).scans())

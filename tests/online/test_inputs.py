@@ -1,6 +1,9 @@
 """The points of a scan are moved to where they lay at its stamp, whatever it is read from."""
 
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +13,7 @@ from pipeline.formats import pcd
 from pipeline.formats.bag import BagWriter
 from pipeline.formats.folder import SCAN_FOLDERS
 from pipeline.online.follow import Following
-from pipeline.online.inputs import scans
+from pipeline.online.inputs import Scan, ScanOptions
 from pipeline.opening.opening import unposed
 from tests.posing.scene import planar
 from tests.readers.bags import START_NS, STEP_NS, cloud
@@ -19,6 +22,11 @@ READER = {"_target_": "pipeline.readers.bag.Bag", "truth": None, "odometry": "/w
 """The reader of a site whose data set is bags with estimated poses."""
 OTHER = {"_target_": "pipeline.readers.carmen.Carmen"}
 """The reader of a site whose data set is of another kind."""
+
+
+def opened(source: Path, reader: dict[str, Any], **options: Any) -> Iterator[Scan]:
+    """The scans at a path, for a site of this reader."""
+    return ScanOptions(reader, **options).scans(str(source), Counter())
 
 
 @pytest.fixture
@@ -40,19 +48,19 @@ def bag(tmp_path: Path) -> Path:
 
 
 def test_the_points_of_a_bag_are_moved_by_its_odometry(bag: Path) -> None:
-    for scan in scans(str(bag), OTHER, 0.0, odometry="/wheels"):
+    for scan in opened(bag, OTHER, odometry="/wheels"):
         np.testing.assert_allclose(scan.points()[:, 0], [3.0, 3.5], atol=0.02)
 
 
 def test_the_points_of_a_log_of_the_sites_data_set_are_moved_too(bag: Path) -> None:
-    opened = list(scans(str(bag), READER, 0.0))
-    assert opened[0].body_T_lidar is None  # its reader placed them
-    for scan in opened:
+    found = list(opened(bag, READER))
+    assert found[0].body_T_lidar is None  # its reader placed them
+    for scan in found:
         np.testing.assert_allclose(scan.points()[:, 0], [3.0, 3.5], atol=0.02)
 
 
 def test_without_odometry_points_stay_where_they_were_measured(bag: Path) -> None:
-    for scan in scans(str(bag), OTHER, 0.0):
+    for scan in opened(bag, OTHER):
         np.testing.assert_array_equal(scan.points()[:, 0], [3.0, 3.0])
 
 
@@ -60,7 +68,7 @@ def test_the_points_of_a_followed_recording_are_moved_by_the_motion_before_the_s
     bag: Path,
 ) -> None:
     (file,) = bag.glob("*.mcap")
-    for scan in Following(file, None, 0.0, 0.3, "/wheels").scans():
+    for scan in Following(file, ScanOptions(OTHER, odometry="/wheels"), 0.3).scans():
         np.testing.assert_allclose(scan.points()[:, 0], [3.0, 3.5], atol=0.02)
 
 
@@ -74,7 +82,7 @@ def test_of_several_bags_the_topic_with_most_clouds_in_all_is_read(tmp_path: Pat
                 for _ in range(count):
                     stamp_ns += STEP_NS
                     cloud(writer, stamp_ns, "base_link", np.ones((2, 3)), topic=topic)
-    assert len(list(scans(str(tmp_path / "day"), OTHER, 0.0))) == 4
+    assert len(list(opened(tmp_path / "day", OTHER))) == 4
 
 
 @pytest.mark.parametrize("name", SCAN_FOLDERS)
@@ -83,7 +91,7 @@ def test_scans_in_a_subfolder_are_opened_to_localise_and_to_estimate_poses(
 ) -> None:
     (tmp_path / name).mkdir()
     (tmp_path / name / "7.pcd").write_bytes(pcd.encode(np.ones((3, 3))))
-    (scan,) = scans(str(tmp_path), OTHER, 0.0)
+    (scan,) = opened(tmp_path, OTHER)
     np.testing.assert_array_equal(scan.points(), np.ones((3, 3)))
     if name != "velodyne_sync":  # NCLT's: a log of that data set
         log = unposed(tmp_path)
@@ -110,8 +118,8 @@ def test_a_lidar_is_placed_by_fixed_transforms_wherever_they_are_sent(
     """The laser sits 0.3 m behind base_link and looks backward: the point is at -1.3 m."""
     bag = mounted(tmp_path / "day", topic, laser=planar(-0.3, 0, 180))
     (file,) = bag.glob("*.mcap")
-    (localized,) = scans(str(bag), OTHER, 0.0)
-    (followed,) = Following(file, None, 0.0, 0.3).scans()
+    (localized,) = opened(bag, OTHER)
+    (followed,) = Following(file, ScanOptions(OTHER), 0.3).scans()
     estimated = unposed(bag).points(0)
     for points_m in (localized.points(), followed.points(), estimated):
         np.testing.assert_allclose(points_m, [[-1.3, 0, 0]], atol=1e-6)
@@ -122,15 +130,15 @@ def test_a_lidar_that_no_transform_places_on_the_vehicle_is_refused(tmp_path: Pa
     (file,) = bag.glob("*.mcap")
     says = "no fixed transforms lead from base_link to laser, .* give --body-T-lidar"
     with pytest.raises(LogError, match=says):
-        next(scans(str(bag), OTHER, 0.0))
+        next(opened(bag, OTHER))
     with pytest.raises(LogError, match=says):
-        next(Following(file, None, 0.0, 0.3).scans())
-    (scan,) = scans(str(bag), OTHER, 0.0, body_T_lidar=planar(0, 2, 0))
+        next(Following(file, ScanOptions(OTHER), 0.3).scans())
+    (scan,) = opened(bag, OTHER, body_T_lidar=planar(0, 2, 0))
     np.testing.assert_allclose(scan.points(), [[1, 2, 0]], atol=1e-6)
 
 
 def test_without_transforms_the_lidar_is_the_vehicle(tmp_path: Path) -> None:
-    (scan,) = scans(str(mounted(tmp_path / "day", "/tf")), OTHER, 0.5)
+    (scan,) = opened(mounted(tmp_path / "day", "/tf"), OTHER, lift_m=0.5)
     np.testing.assert_allclose(scan.points(), [[1, 0, 0.5]], atol=1e-6)
 
 
@@ -143,7 +151,7 @@ def test_a_lidar_that_nothing_places_on_the_frame_of_the_odometry_is_refused_or_
             writer.odometry(stamp_ns, "odom", "base_link", planar(row, 0, 0), "/odom")
             cloud(writer, stamp_ns, "laser", [[1, 0, 0]])
     with pytest.raises(LogError, match=r"lead from base_link to laser, .* give --body-T-lidar"):
-        next(scans(str(tmp_path / "day"), OTHER, 0.0, odometry="/odom"))
-    assert len(list(scans(str(tmp_path / "day"), OTHER, 0.0))) == 3
+        next(opened(tmp_path / "day", OTHER, odometry="/odom"))
+    assert len(list(opened(tmp_path / "day", OTHER))) == 3
     (note,) = unposed(tmp_path / "day").notes
     assert "from base_link of /odom to laser: the LiDAR is taken for the vehicle" in note
