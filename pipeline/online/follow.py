@@ -22,11 +22,10 @@ from pipeline.core.frames import Poses, Stamps, moved
 from pipeline.formats.bag import CLOUD, TRANSFORMS
 from pipeline.formats.messages import from_cdr, header, poses
 from pipeline.formats.pointcloud2 import decode, times_s
-from pipeline.online.inputs import NO_POSE, Scan, ScanOptions, child_T_body, lidar_on_vehicle
+from pipeline.online.inputs import NO_POSE, Scan, ScanOptions, child_T_body
 from pipeline.online.odometry import AHEAD_S, Newest
 from pipeline.readers.bag_poses import KINDS, MAX_FIXED_CHANGE, Edge, Tree, pose_of, transform_of
 from pipeline.readers.deskew import deskewed
-from pipeline.readers.log import raised
 from pipeline.readers.mounting import BODIES, Transforms
 
 POLL_S = 0.02
@@ -165,11 +164,8 @@ class Following:
             before_ns = stamp_ns - round(STEP_S * 1e9)
             odom_T_body = self._newest_poses.at(stamp_ns) @ child_T_body(transforms, child)
             odom_T_before = self._newest_poses.at(before_ns) @ child_T_body(transforms, child)
-        body_T_lidar = self.options.body_T_lidar
-        if body_T_lidar is None:
-            _, frame = header(data, 2)
-            lidar_pose = lidar_on_vehicle(transforms, {frame}, child)
-            body_T_lidar = raised(self.options.lift_m) @ lidar_pose
+        _, frame = header(data, 2)
+        body_T_lidar = self.options.lidar_on_vehicle(transforms, {frame}, child)
         name = f"{self.path.name} {number}"
         step = np.linalg.inv(odom_T_before) @ odom_T_body
         points = partial(_points, data, stamp_ns, body_T_lidar, step)

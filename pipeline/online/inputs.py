@@ -112,6 +112,29 @@ class ScanOptions:
         """Whether the site's own reader opens a path, and so places its points itself."""
         return source != "-" and self._log(Path(source).expanduser()) is not None
 
+    def lidar_on_vehicle(
+        self, transforms: Transforms, lidar_frames: set[str], child: str | None
+    ) -> Poses:
+        """The pose (4, 4) that places the points of a bag in the vehicle.
+
+        `lidar_frames` are the frames of the clouds, and `child` the one that odometry moves. Where
+        no frame of the vehicle is known, the lidar is the vehicle. Raises LogError where one is,
+        but no transforms say where the lidar sits on it.
+        """
+        if self.body_T_lidar is not None:
+            return self.body_T_lidar
+        bodies = (*BODIES, child) if child else BODIES
+        body_T_lidar = transforms.body_T_lidar(bodies, lidar_frames)
+        if body_T_lidar is not None:
+            return raised(self.lift_m) @ body_T_lidar
+        if body := child or transforms.vehicle():
+            raise LogError(
+                f"{transforms.static.where}: no fixed transforms lead from {body} to "
+                f"{', '.join(sorted(lidar_frames)):.80}, the frame of its points; give "
+                "--body-T-lidar"
+            )
+        return raised(self.lift_m)
+
     def _log(self, path: Path) -> Log | None:
         """The log at a path; None if the reader that the site was learned with cannot open it."""
         with suppress(YearlocError, OSError):
@@ -124,9 +147,7 @@ class ScanOptions:
         transforms = Transforms.read(files)
         odometry = self._odometry(path, files)
         child = odometry.child if odometry else None
-        body_T_lidar = self.body_T_lidar
-        if body_T_lidar is None:
-            body_T_lidar = raised(self.lift_m) @ lidar_on_vehicle(transforms, clouds.frames, child)
+        body_T_lidar = self.lidar_on_vehicle(transforms, clouds.frames, child)
         odom_T_body = np.tile(NO_POSE, (len(clouds.stamps_ns), 1, 1))
         if odometry:
             odom_T_child = _poses_at(odometry, clouds.stamps_ns)
@@ -255,28 +276,6 @@ def _stamp_ns(stem: str) -> int | None:
     is_whole = stem.isascii() and stem.isdecimal()
     unit = folder.unit_of(stem) if is_whole else "s"
     return folder.stamp_ns(stem, unit) if unit in folder.UNIT_NS else None
-
-
-def lidar_on_vehicle(
-    transforms: Transforms, lidar_frames: set[str], child: str | None
-) -> NDArray[np.float64]:
-    """The pose (4, 4) of the lidar in the vehicle, by the transforms of bags.
-
-    `lidar_frames` are the frames of the clouds, and `child` the one that odometry moves. Where no
-    frame of the vehicle is known, the lidar is the vehicle. Raises LogError where one is, but no
-    transforms say where the lidar sits on it.
-    """
-    bodies = (*BODIES, child) if child else BODIES
-    body_T_lidar = transforms.body_T_lidar(bodies, lidar_frames)
-    if body_T_lidar is not None:
-        return body_T_lidar
-    body = child or transforms.vehicle()
-    if body is None:
-        return np.eye(4)
-    raise LogError(
-        f"{transforms.static.where}: no fixed transforms lead from {body} to "
-        f"{', '.join(sorted(lidar_frames)):.80}, the frame of its points; give --body-T-lidar"
-    )
 
 
 def _poses_at(odometry: Track, stamps_ns: Stamps) -> Poses:
