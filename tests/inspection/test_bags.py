@@ -14,7 +14,7 @@ from pipeline.formats.bag import BagWriter
 from pipeline.inspection.bag_proposal import propose
 from pipeline.inspection.bags import describe_bags, proposal
 from pipeline.inspection.inspection import Inspection
-from pipeline.inspection.report import inspect as look
+from pipeline.inspection.report import inspect
 from pipeline.opening.bag_contents import Contents, TopicSummary
 from pipeline.readers.bag import Bag
 from tests.inspection.scanner import assert_says, scan
@@ -23,11 +23,6 @@ from tests.readers.damage import damaged, one_line
 from tests.readers.test_bag_fuzz import files
 
 CONF = Path(__file__).parents[2] / "conf" / "dataset" / "bag.yaml"
-
-
-def inspect(path: Path) -> Inspection:
-    """Inspect without the project's own dvc.lock, which takes a second to read."""
-    return look(path, lock=path.parent / "dvc.lock")
 
 
 def proposed(*paths: Path) -> dict:

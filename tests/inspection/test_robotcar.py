@@ -21,12 +21,6 @@ from tests.readers.robotcar_drive import (
 )
 
 
-@pytest.fixture(autouse=True)
-def _no_dvc_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The project's own dvc.lock is long to read, and knows nothing of these files."""
-    monkeypatch.chdir(tmp_path)
-
-
 def test_a_sweep_is_described_with_its_beams_and_laser(tmp_path: Path) -> None:
     # Beams at 0°, 0.5°, … 180° of a circle of 10 m, and as many without a return: 180° and the 3°
     # that no gap is wider than.
