@@ -27,6 +27,12 @@ def name_of(address: str) -> str:
     return address.rpartition(":")[2]
 
 
+def stages_run(out: str) -> list[str]:
+    """The stages that DVC ran, by what it printed."""
+    running = [line for line in out.splitlines() if line.startswith("Running stage")]
+    return [name_of(line.split("'")[1]) for line in running]
+
+
 def share_kernels(compiled: Path, copy: Path) -> None:
     """Give a copy of the project, or the project itself, the kernels compiled for another copy.
 
@@ -128,12 +134,7 @@ class Clone:
 
     def repro(self) -> list[str]:
         """Run `dvc repro`; returns the stages that ran."""
-        out = self.run("dvc", "repro")
-        return [
-            name_of(line.split("'")[1])
-            for line in out.splitlines()
-            if line.startswith("Running stage")
-        ]
+        return stages_run(self.run("dvc", "repro"))
 
     def outdated(self) -> set[str]:
         """The stages that an edit touched directly."""

@@ -28,6 +28,16 @@ ORDER = (
 needs it; and then all that is short."""
 
 
+STRESS = '"2014-07-28-14-30-00": "all reversed", "2015-01-14-14-30-00": "bare, 2.5 m to the left", '
+LESS = (
+    ("conf/dataset/town.yaml", "tiny: {" + STRESS, "tiny: {"),
+    ("conf/poses.yaml", "rounds: [5, 20]", "rounds: [8]"),
+    ("conf/poses.yaml", "every_m: 5.0", "every_m: 20.0"),
+    ("conf/poses.yaml", "enough: 150", "enough: 10"),
+)
+"""What the chain does less of: one day of stress is enough, and nothing is sure in so small a world."""
+
+
 class ByFile(LoadFileScheduling):  # type: ignore[misc]
     """A file goes to one worker, which makes its fixtures once; tests of JOBS go one by one."""
 
@@ -130,40 +140,14 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Clone:
             (shared / "chain").mkdir()
             clone = Clone(shared / "chain")
             clone.draw_small()
-            stress = '"2014-07-28-14-30-00": "all reversed", "2015-01-14-14-30-00": "bare, 2.5 m to the left", '
-            # one day of it is enough
-            clone.edit("conf/dataset/town.yaml", f"tiny: {{{stress}", "tiny: {")
-            clone.run(
-                *(
-                    "yearloc",
-                    "use",
-                    "campus",
-                    "world=tiny",
-                    "methods=sci,scan_context,sad",
-                    "variants=",
-                ),
-                *("poses=scan_context", "paths=filter,graph_all"),
-            )
-            robust = (
-                "question=robustness",
-                "methods=sci,scan_context",
-                "variants=engaged",
-                "altered=turned",
-                "cells=5m",
-            )
-            clone.run("yearloc", "use", "town", "world=tiny", *robust, "--add")
-            clone.run(
-                "yearloc",
-                "use",
-                "suburb",
-                "world=tiny",
-                "question=viewpoints",
-                "methods=sad",
-                "--add",
-            )
-            # nothing is sure in so small a world
-            clone.edit("conf/poses.yaml", "rounds: [5, 20]", "rounds: [8]")
-            clone.edit("conf/poses.yaml", "every_m: 5.0", "every_m: 20.0")
+            for path, old, new in LESS:
+                clone.edit(path, old, new)
+            use = "methods=sci,scan_context,sad variants= poses=scan_context paths=filter,graph_all"
+            clone.run("yearloc", "use", "campus", "world=tiny", *use.split())
+            use = "question=robustness methods=sci,scan_context variants=engaged altered=turned cells=5m"
+            clone.run("yearloc", "use", "town", "world=tiny", *use.split(), "--add")
+            use = "question=viewpoints methods=sad"
+            clone.run("yearloc", "use", "suburb", "world=tiny", *use.split(), "--add")
             share_kernels(clone.folder, ROOT)
             told.write_text(json.dumps({"ran": clone.repro(), "undisturbed": clone.digests()}))
     return Clone(shared / "chain", told.read_text()).twin(tmp_path_factory.mktemp("copy"))

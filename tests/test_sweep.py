@@ -17,9 +17,13 @@ def before(built: Clone) -> tuple[set[str], dict[str, str]]:
     return built.outdated(), built.digests()
 
 
+CELLS = ("grid.cell_m=5,10", "compute.workers=1")
+"""Two sizes of cells; how many workers compute is no part of what a job builds."""
+
+
 @pytest.fixture(scope="module")
 def cells(built: Clone, before: object) -> Swept:
-    return Swept(built, "grid.cell_m=5,10")
+    return Swept(built, *CELLS)
 
 
 def test_a_job_of_the_benchmarks_own_settings_is_dvcs_work(built: Clone, cells: Swept) -> None:
@@ -43,7 +47,7 @@ def test_a_cell_size_costs_labels_models_and_what_follows(cells: Swept) -> None:
 
 
 def test_a_repeat_builds_nothing_and_says_the_same(built: Clone, cells: Swept) -> None:
-    again = Swept(built, "grid.cell_m=5,10")
+    again = Swept(built, *CELLS)
     assert again.built == set()
     assert outcome(again) == outcome(cells)
 
