@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit  # scipy.stats alone takes half a second to import
 
 from pipeline.core.settings import InnerShare, checked
+from pipeline.evaluation.bootstrap import Estimate
 from pipeline.evaluation.judgement import Evaluation
 
 TINY = 1e-150
@@ -67,7 +68,7 @@ class Line:
         half_width = self.quantile * np.sqrt(variance)
         return np.stack([value, value - half_width, value + half_width])
 
-    def lost(self, share: float) -> tuple[float, float, float] | None:
+    def lost(self, share: float) -> Estimate | None:
         """The day on which `share` of the value on day 0 is lost, and its earliest and latest.
 
         None unless the whole interval of the slope is below 0. The interval of the day is Fieller's
@@ -83,7 +84,7 @@ class Line:
         root = np.sqrt(max(ab**2 - aa * bb, 0.0))
         earliest = max(0.0, float(share * (-ab - root) / bb))
         latest = max(0.0, float(share * (-ab + root) / bb))
-        return day, earliest, latest
+        return Estimate(day, earliest, latest)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ altered queries with its answers to the queries as driven.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,15 +26,11 @@ KEPT = "auc_exact_top1_kept"
 """What the table of results calls the number of `kept_share`."""
 
 
-@dataclass(frozen=True)
-class Difference:
+class Difference(NamedTuple):
     """One number of a method minus the reference's."""
 
-    value: float
-    low: float
-    """The lower end of the 95 % interval; NaN where no resample defines the difference."""
-    high: float
-    """The upper end."""
+    estimate: Estimate
+    """Its interval is NaN where no resample defines the difference."""
     p: float
     """The p value of a two-sided test, never 0; NaN like the interval."""
 
@@ -96,13 +93,11 @@ def compare(
     resampled_differences = bootstrap.spreads(compared_differences, method.xy_m)
     path_blocks = blocks(method.xy_m, bootstrap.block_m)
     seen_block_count = len(np.unique(path_blocks[method_truth.seen]))
-    differences = []
-    for value, resampled in zip(values, resampled_differences, strict=True):
-        low, high = bounds(resampled)
-        p = _p(resampled, seen_block_count)
-        differences.append(Difference(value, low, high, p))
     return Comparison(
-        differences=tuple(differences),
+        differences=tuple(
+            Difference(Estimate(value, *bounds(resampled)), _p(resampled, seen_block_count))
+            for value, resampled in zip(values, resampled_differences, strict=True)
+        ),
         only_this=int((method_right & ~reference_right).sum()),
         only_reference=int((reference_right & ~method_right).sum()),
     )

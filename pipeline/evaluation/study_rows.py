@@ -187,7 +187,7 @@ def _comparison_rows(
         corrected_p = holm(np.array([difference.p for difference in differences]))
         for place, difference, p in zip(places, differences, corrected_p, strict=True):
             numbers = {
-                f"{number}_difference": (difference.value, difference.low, difference.high),
+                f"{number}_difference": difference.estimate,
                 f"{number}_difference_p": p,
             }
             yield from number_rows(place, protocol, numbers)
