@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from pipeline.core import schemas, store
+from pipeline.posing import targets
 
 Kind = TypeVar("Kind", bound=store.Artifact)
 
@@ -67,11 +68,13 @@ def write_submaps(
 def write_map(path: Path, points: Sequence[np.ndarray], world_T_anchor: np.ndarray) -> schemas.Maps:
     """A map of these clouds (n, 3), each as seen from its anchor."""
     columns = {
-        "points": np.rint(np.concatenate([np.empty((0, 3)), *points]) / GRAIN_M).astype(np.int64),
+        "points": np.rint(np.concatenate([np.empty((0, 3)), *points]) / targets.GRAIN_M).astype(
+            np.int64
+        ),
         "offsets": np.cumsum([0, *map(len, points)]),
         "world_T_anchor": world_T_anchor,
     }
-    attrs = {"grain_m": GRAIN_M, "voxel_m": 0.5, "range_m": 80.0, "single": True}
+    attrs = {"grain_m": targets.GRAIN_M, "voxel_m": 0.5, "range_m": 80.0, "single": True}
     return written(path, schemas.Maps, columns, **attrs)
 
 
