@@ -31,7 +31,7 @@ DEMO_DAYS := 2012-02-04,2012-10-28,2013-04-05
 demo: .venv/ready
 	@yearloc repair
 	@yearloc use campus world=demo budget=minutes tests=$(DEMO_DAYS) methods=sci,sci_ring,scan_context poses=sci_ring \
-		variants= altered= latency=no --keep
+		variants= perturbed= latency=no --keep
 	@yearloc repro
 	@yearloc results
 	@echo "next: source .venv/bin/activate && yearloc pack campus/10m/sci_ring -o campus.site && yearloc localize campus.site \\"
@@ -44,7 +44,7 @@ example: demo
 	@yearloc export artifacts/example/whole.site -o artifacts/example/compact.site --compact
 	@python -m benchmarks.example artifacts/example/compact.site artifacts/logs/campus
 
-# Everything of both papers side by side: campus and town, all methods, what a query costs, turned and altered queries.
+# Everything of both papers side by side: campus and town, all methods, what a query costs, turned and perturbed queries.
 compare: .venv/ready
 	@yearloc repair
 	@yearloc use campus town world=demo --keep
@@ -53,8 +53,8 @@ compare: .venv/ready
 
 studies: .venv/ready
 	@yearloc repair
-	@yearloc use campus world=demo question=robustness variants=1way,4way,8way,24way,engaged
-	@yearloc use town world=demo question=robustness variants=engaged altered=turned cells= --add
+	@yearloc use campus world=demo experiment=robustness variants=1way,4way,8way,24way,engaged
+	@yearloc use town world=demo experiment=robustness variants=engaged perturbed=turned cells= --add
 	@yearloc repro
 	@yearloc results
 
@@ -73,7 +73,7 @@ real: .venv/ready
 # hundredth). It may be stopped at any time and goes on where it was, within a training too.
 year: .venv/ready
 	@yearloc repair
-	@yearloc use campus world=year question=robustness budget=$(or $(YEAR_BUDGET),full) altered= cells= \
+	@yearloc use campus world=year experiment=robustness budget=$(or $(YEAR_BUDGET),full) perturbed= cells= \
 		methods=sci,sci_ring,scan_context,scan_context_all,m2dp variants=1way200,4way200,8way200,engaged
 	@yearloc repro
 	@yearloc results

@@ -5,8 +5,8 @@ It reads artifacts that `dvc repro` built of a study with poses, and asks every 
 PEERS is a folder of programs built by benchmarks/PEERS.md. A peer that is not there is left out
 with a line. Everyone decides by a threshold of its own:
 
-- yearloc by what it promised, .99; its poses and verdicts are those of the artifact, and the time
-  is that of a fix
+  - yearloc by its target precision, .99; its poses and verdicts are those of the artifact, and the
+  time is that of a fix
 - MapClosures by its inliers, of local maps of what was driven through last, and of local maps as
   its authors cut them
 - GICP by whether it came to rest, from Scan Context's first candidates and headings
@@ -164,7 +164,7 @@ def yearloc(day: Day, fixer: Fixer) -> Answers:
     """Poses and verdicts of the artifact; the time is of the same fixes, made again."""
     novelty = day.fixes.load("novelty")[:, 0]
     made = from_ranking(day, fixer)
-    accepted = novelty[day.rows] < day.fixes.promised[1]
+    accepted = novelty[day.rows] < day.fixes.pose_thresholds[1]
     world_T_query = day.fixes.load("world_T_query")[day.rows]
     return replace(made, world_T_query=world_T_query, accepted=accepted)
 
@@ -288,7 +288,7 @@ def map_closures(day: Day, program: Path, reach_m: float) -> Iterator[tuple[str,
                 path,
                 points=points_m,
                 offsets=scans.load("offsets"),
-                laid_T_scan=scans.load(layout),
+                placed_T_scan=scans.load(layout),
                 asked=last,
             )
         subprocess.run([program, train, test, str(reach_m), out], check=True)

@@ -16,7 +16,7 @@ import yaml
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from pipeline.core.frames import moved, step_lengths_m
+from pipeline.core.frames import step_lengths_m, transformed
 from pipeline.core.replacing import replace
 from pipeline.online.example import SCANS, SITE, ExampleScan
 from pipeline.online.inputs import Scan, ScanOptions
@@ -100,7 +100,7 @@ def farthest(site: Site, drive: list[Scan]) -> Scan:
 def most_changed(site: Site, drive: list[Scan]) -> Scan:
     """The scan of a learned place of whose standing things the map has the least share."""
     parts = [
-        moved(pose, site.targets.points_m(row))
+        transformed(pose, site.targets.points_m(row))
         for row, pose in enumerate(site.targets.world_T_anchor)
     ]
     tree = KDTree(np.concatenate(parts))
@@ -109,7 +109,7 @@ def most_changed(site: Site, drive: list[Scan]) -> Scan:
         points_m = drive[row].points()
         points_m = points_m[points_m[:, 2] > WALL_M]
         pose = drive[row].world_T_scan
-        distance_m, _ = tree.query(moved(pose, points_m))
+        distance_m, _ = tree.query(transformed(pose, points_m))
         shares[row] = np.mean(np.asarray(distance_m) < CHANGED_M)
     return drive[int(shares.argmin())]
 

@@ -217,7 +217,7 @@ def published(project: Path) -> Any:
 
 
 def swept(project: Path) -> Any:
-    """The rows that the last sweep recorded; of artifacts that it found or built again alike."""
+    """The rows that the last sweep recorded; of artifacts that it found or built again similar."""
     last = max((project / ".sweeps/runs").iterdir(), key=lambda folder: folder.stat().st_mtime_ns)
     return [
         json.loads(path.read_text(encoding="utf-8"))["rows"] for path in sorted(last.glob("*.json"))

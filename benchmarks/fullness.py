@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from pipeline.core.frames import moved
+from pipeline.core.frames import transformed
 from pipeline.formats import nclt
 from pipeline.mapping.octree import Octree
 from pipeline.readers.keyframes import KeyFrames
@@ -70,7 +70,7 @@ def _of_a_stretch(scans: list[Scan], sensor_m: float) -> dict[str, float]:
     contexts = {"": AUTHORS(last_m), ", paper": PAPER(last_m)}
     edges_m = (-np.inf, *HEIGHTS_M, np.inf)
     shares = np.histogram(above_m, edges_m)[0] / len(above_m)
-    told = {
+    reported = {
         "points": float(len(last_m)),
         ".3-5 m": float(shares[1:5].sum()),
         "50 m light": image.mean() / 255,
@@ -81,10 +81,10 @@ def _of_a_stretch(scans: list[Scan], sensor_m: float) -> dict[str, float]:
         "30 m lit": float((near_alone > 0).mean()),
     }
     for rule, bins in contexts.items():
-        told[f"bins{rule}"] = float((bins != 0).mean())
-        told[f"columns{rule}"] = float((bins != 0).any(0).mean())
+        reported[f"bins{rule}"] = float((bins != 0).mean())
+        reported[f"columns{rule}"] = float((bins != 0).any(0).mean())
     names = ["< .3", ".3-1", "1-2", "2-3", "3-5", "> 5"]
-    return told | {name: float(share) for name, share in zip(names, shares, strict=True)}
+    return reported | {name: float(share) for name, share in zip(names, shares, strict=True)}
 
 
 def heights_m(view: BirdView, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -169,7 +169,7 @@ def stretched(name: str, world: Simulation, stretches: int, scans: int) -> Log:
         for start in np.linspace(0, len(poses) - scans, stretches).astype(int).tolist():
             returns = recorder.block(start, start + scans)[1]
             gathered.append(
-                [(moved(sensor, scan.points_m), poses[row]) for row, _, scan in returns]
+                [(transformed(sensor, scan.points_m), poses[row]) for row, _, scan in returns]
             )
     return Log(name, gathered, float(sensor[2, 3]))
 

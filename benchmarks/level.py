@@ -13,9 +13,9 @@ seen ones, and how many of the accepted are wrong, and of these how many `by the
 sweeps contradict the pose that it gives; CPU time of one thread from points to verdict,
 median and 95 %.
 
-Chances and limits are verdict.USUAL and USUAL_LIMITS, the limits lowered where held-out stretches
-of the mapped part say so; queries have no part in them. `--usual` prints these two anew, from
-held-out stretches of the first halves of TUNED alone.
+Probabilities and limits are verdict.USUAL and USUAL_THRESHOLDS, the limits lowered where validation
+stretches of the mapped part say so; queries have no part in them. `--usual` prints these two again,
+from validation stretches of the first halves of TUNED alone.
 
 `--kidnapped FILE.gif` draws instead how a robot is lost and found again: it follows the second half
 of a log by its odometry, and is carried over CARRIED sweeps in the middle, of which odometry says
@@ -43,17 +43,17 @@ from pipeline.formats.nav2_map import GridMap
 from pipeline.level.day import LevelDay
 from pipeline.level.field import Field
 from pipeline.level.fix import LevelFixer
-from pipeline.level.held_out import LevelHeldOut, Sweeps
 from pipeline.level.level_map import Drawing
 from pipeline.level.search import mean_likelihoods, search
 from pipeline.level.sweeps import OVER_M, Gatherer, single
+from pipeline.level.validation import LevelValidation, Sweeps
 from pipeline.level.verdict import OF_SWEEPS, USUAL
 from pipeline.online.level_pack import UNSEEN_SHARE, pack_map
 from pipeline.online.level_site import LevelSite
 from pipeline.online.site import Site
 from pipeline.online.tracking import Tracker
 from pipeline.posing.answers import PosedQuery
-from pipeline.posing.verdict import PROMISES, Evidence
+from pipeline.posing.verdict import TARGET_PRECISIONS, FixEvidence
 from pipeline.readers.carmen import Carmen
 from pipeline.report.figures import level_plan
 
@@ -62,11 +62,11 @@ TUNED = ("intel", "fhw", "seattle")
 """Whatever was chosen by looking was chosen on these."""
 SHARES = (0.4, 0.5)
 SEEN_M = 2.0
-HELD_OUT = 24
-"""Held-out stretches of a map at most."""
-PROMISED = (0.95, 0.99)
+VALIDATION = 24
+"""Validation stretches of a map at most."""
+COMPARED_PRECISIONS = (0.95, 0.99)
 COUNTS = 5
-"""Numbers of a row for each of PROMISED."""
+"""Numbers of a row for each of COMPARED_PRECISIONS."""
 ICP_STEPS = 30
 ICP_M = 1.0
 """Hits and walls farther apart are no pair."""
@@ -84,7 +84,10 @@ HEADER = (
     "right of seen",
     "best cell",
     "ICP from it",
-    *(f"at {promise:g}: of all, of seen, wrong" for promise in PROMISED),
+    *(
+        f"at {target_precision:g}: of all, of seen, wrong"
+        for target_precision in COMPARED_PRECISIONS
+    ),
     "ms: median, 95 %",
 )
 
@@ -122,7 +125,7 @@ def read(folder: Path, name: str) -> Sweeps:
 def trial(sweeps: Sweeps, name: str, share: float, queries: int) -> Trial:
     """Map the first part of a log and ask for sweeps of the rest."""
     first = int(share * len(sweeps.world_T_sweep))
-    day = LevelDay.of(sweeps.part(0, first), UNSEEN_SHARE, LevelHeldOut(most=HELD_OUT))
+    day = LevelDay.of(sweeps.part(0, first), UNSEEN_SHARE, LevelValidation(most=VALIDATION))
     asked = sweeps.part(first, len(sweeps.world_T_sweep))
     count = len(asked.world_T_sweep)
     rows = np.unique(np.linspace(0, count - 1, min(queries, count)).round().astype(int))
@@ -191,7 +194,7 @@ def registered(
     return pose
 
 
-def is_log_in_doubt(sweeps: Sweeps, row: int) -> bool:
+def is_log_unreliable(sweeps: Sweeps, row: int) -> bool:
     """Whether a log's other sweeps contradict the pose that it gives one of them.
 
     Asked are poses that differ by more than half of what is right, within LOG_M and LOG_DEG; no fix
@@ -228,33 +231,39 @@ def _in_world(field: Field, grid_pose: NDArray[np.float64]) -> NDArray[np.float6
 
 
 def numbers(result: Trial) -> list[float]:
-    """What a row is made of: shares, and for each of PROMISED COUNTS numbers.
+    """What a row is made of: shares, and for each of COMPARED_PRECISIONS COUNTS numbers.
 
     These are the shares accepted of all and of seen, how many are wrong, accepted, and wrong where
     the log is in doubt.
     """
-    limits = dict(zip(PROMISES, result.day.verdict.promised["fix"], strict=True))
-    doubts = np.array([query.doubts[0] for query in result.queries]).astype(np.float32)
+    thresholds = dict(
+        zip(TARGET_PRECISIONS, result.day.verdict.claim_thresholds["fix"], strict=True)
+    )
+    error_probabilities = np.array(
+        [query.error_probabilities[0] for query in result.queries]
+    ).astype(np.float32)
     good = OF_SWEEPS.right(np.array([query.pose for query in result.queries]), result.world_T_true)
     seen = result.seen
     values = [float(seen.mean()), float(good[seen].mean())]
     for poses in (result.cells, result.icp):
         values.append(float(OF_SWEEPS.right(poses, result.world_T_true)[seen].mean()))
-    for promise in PROMISED:
-        accepted = doubts < limits[promise]
+    for target_precision in COMPARED_PRECISIONS:
+        accepted = error_probabilities < thresholds[target_precision]
         wrong = accepted & ~good
-        in_doubt = sum(is_log_in_doubt(result.sweeps, row) for row in result.rows[wrong].tolist())
+        unreliable = sum(
+            is_log_unreliable(result.sweeps, row) for row in result.rows[wrong].tolist()
+        )
         shares = [float(accepted.mean()), float(accepted[seen].mean())]
-        values += [*shares, int(wrong.sum()), int(accepted.sum()), in_doubt]
+        values += [*shares, int(wrong.sum()), int(accepted.sum()), unreliable]
     return [*values, float(np.median(result.ms)), float(np.quantile(result.ms, 0.95))]
 
 
 def cells_of(values: Sequence[float]) -> list[str]:
     """The cells of a row, from the share of the seen on."""
     texts = [f"{values[0]:.2f}", *(f"{share:.3f}" for share in values[1:4])]
-    for first in range(4, 4 + COUNTS * len(PROMISED), COUNTS):
-        of_all, of_seen, wrong, accepted, in_doubt = values[first : first + COUNTS]
-        doubted = f" ({in_doubt:.0f} by the log)" if in_doubt else ""
+    for first in range(4, 4 + COUNTS * len(COMPARED_PRECISIONS), COUNTS):
+        of_all, of_seen, wrong, accepted, unreliable = values[first : first + COUNTS]
+        doubted = f" ({unreliable:.0f} by the log)" if unreliable else ""
         texts.append(f"{of_all:.2f} {of_seen:.2f} {wrong:.0f}/{accepted:.0f}{doubted}")
     return [*texts, f"{values[-2]:.0f}, {values[-1]:.0f}"]
 
@@ -278,25 +287,25 @@ def table(folder: Path, logs: Sequence[str], shares: Sequence[float], queries: i
             head = [f"{name}{tuned}", f"{share:.0%}", free_m2, str(len(result.ms))]
             print(line([*head, *cells_of(rows[-1])]), flush=True)
     means = np.mean(rows, axis=0)
-    for counts in range(6, 4 + COUNTS * len(PROMISED), COUNTS):
+    for counts in range(6, 4 + COUNTS * len(COMPARED_PRECISIONS), COUNTS):
         means[counts : counts + 3] = np.sum(rows, axis=0)[counts : counts + 3]
     print(line(["mean", "", "", "", *cells_of(means.tolist())]))
 
 
 def usual(folder: Path) -> None:
-    """Print the usual chances and limits, learned anew."""
+    """Print the usual probabilities and limits, learned again."""
     parts = []
     for name in TUNED:
         sweeps = read(folder, name)
         mapped = sweeps.part(0, len(sweeps.world_T_sweep) // 2)
         hits = [mapped.points(row) for row in range(len(mapped.world_T_sweep))]
         drawing = Drawing.of(hits, mapped.world_T_sweep)
-        parts.append(LevelHeldOut(most=150).evidence(LevelFixer(), mapped, drawing, OVER_M))
-    joined = Evidence.joined(parts)
+        parts.append(LevelValidation(most=150).evidence(LevelFixer(), mapped, drawing, OVER_M))
+    joined = FixEvidence.joined(parts)
     judge = joined.learned(UNSEEN_SHARE, USUAL)
-    print(f"{joined.blocks} held-out stretches of {', '.join(TUNED)}")
+    print(f"{joined.blocks} validation stretches of {', '.join(TUNED)}")
     print(judge)
-    print(joined.limits(judge, UNSEEN_SHARE))
+    print(joined.thresholds(judge, UNSEEN_SHARE))
 
 
 def kidnapped(folder: Path, name: str, out: Path) -> str:

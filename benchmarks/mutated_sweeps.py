@@ -4,10 +4,10 @@
 of each of five recorded buildings, as the site of a Nav2 map is, and asks it for sweeps of the
 other half, drawn at random and mutated in one of KINDS, every other one gathered over its odometry
 and the others alone. CARMEN is as of benchmarks.level. A row a kind: how many were asked, accepted
-with the promise of .99, and how many of these are wrong: over 1 m or 10° off; and of the wrong ones
-how many where the log's own pose is in doubt, since its other sweeps contradict it. A laser that is
-turned about its own axis asks for the pose of its own frame. Of another building's sweeps each
-accepted pose is wrong. The last row is of sweeps as they were recorded.
+with the target precision .99, and how many of these are wrong: over 1 m or 10° off; and of the
+wrong ones how many where the log's own pose is in doubt, since its other sweeps contradict it. A
+laser that is turned about its own axis asks for the pose of its own frame. Of another building's
+sweeps each accepted pose is wrong. The last row is of sweeps as they were recorded.
 
 What tells such sweeps was chosen on Intel, which is left out.
 """
@@ -24,19 +24,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.level import is_log_in_doubt, line, read
+from benchmarks.level import is_log_unreliable, line, read
 from pipeline.level.day import LevelDay
 from pipeline.level.fix import LevelFixer
-from pipeline.level.held_out import Sweeps
 from pipeline.level.level_map import Drawing
 from pipeline.level.sweeps import OVER_M
+from pipeline.level.validation import Sweeps
 from pipeline.level.verdict import NO_EVIDENCE, OF_SWEEPS, verdict_of
 from pipeline.online.level_pack import UNSEEN_SHARE
-from pipeline.posing.learning import Learned
-from pipeline.posing.verdict import PROMISES
+from pipeline.posing.learned_verdict import Learned
+from pipeline.posing.verdict import TARGET_PRECISIONS
 
 BUILDINGS = ("fhw", "seattle", "csail", "aces", "freiburg-101")
-PROMISE = 0.99
+TARGET_PRECISION = 0.99
 BEFORE = 15
 """Sweeps before a query at most, from which it is gathered."""
 RANGE_MAX_M = 29.9
@@ -144,12 +144,12 @@ class Counts:
     asked: int = 0
     accepted: int = 0
     wrong: int = 0
-    in_doubt: int = 0
+    unreliable: int = 0
     """Of the wrong ones, those whose pose in the log its other sweeps contradict."""
 
     @property
     def cells(self) -> list[str]:
-        return [str(count) for count in (self.asked, self.accepted, self.wrong, self.in_doubt)]
+        return [str(count) for count in (self.asked, self.accepted, self.wrong, self.unreliable)]
 
 
 def counted(
@@ -169,8 +169,10 @@ def counted(
         last = len(part.world_T_sweep) - 1
         query = day.query(part.gathered([last], OVER_M)[last])
         counts.asked += 1
-        limit = dict(zip(PROMISES, day.verdict.promised["fix"], strict=True))[PROMISE]
-        if not np.float32(query.doubts[0]) < limit:
+        threshold = dict(zip(TARGET_PRECISIONS, day.verdict.claim_thresholds["fix"], strict=True))[
+            TARGET_PRECISION
+        ]
+        if not np.float32(query.error_probabilities[0]) < threshold:
             continue
         counts.accepted += 1
         true = part.world_T_sweep[last]
@@ -181,7 +183,7 @@ def counted(
         elif not OF_SWEEPS.right(query.pose[None], true[None])[0]:
             counts.wrong += 1
             first = len(logs[here].world_T_sweep) - len(sweeps.world_T_sweep)
-            counts.in_doubt += is_log_in_doubt(logs[here], first + row)
+            counts.unreliable += is_log_unreliable(logs[here], first + row)
     return counts
 
 

@@ -29,7 +29,7 @@ from pipeline.readers.bag import Bag
 from pipeline.readers.keyframes import FILE, KeyFrames
 from pipeline.readers.log import Log
 from pipeline.readers.nclt import Nclt
-from pipeline.slam.drive import Slam, without_truth
+from pipeline.slam.drive import Slam, without_ground_truth
 
 BAD_M = 0.5
 BAD_DEG = 5.0
@@ -46,7 +46,7 @@ HEAD = (
 
 @dataclass(frozen=True)
 class Errors:
-    """How far poses are off the truth; scans without a pose are left out."""
+    """How far poses are off the ground truth; scans without a pose are left out."""
 
     ate_m: float
     """Root mean square of the positions' errors after one rigid transform."""
@@ -94,25 +94,25 @@ def scores(name: str, log: Log, only: list[str]) -> Iterator[Score]:
 
     Of these the ways in `only`; all where it is empty.
     """
-    truth = log.world_T_scan
-    path_m = float(steps_m(truth).sum())
+    ground_truth = log.world_T_scan
+    path_m = float(steps_m(ground_truth).sum())
     for way, poses_of in ways(log).items():
         if only and way not in only:
             continue
         started_s = time.process_time()
         result = poses_of()
-        ms = 1000 * (time.process_time() - started_s) / len(truth)
+        ms = 1000 * (time.process_time() - started_s) / len(ground_truth)
         if not isinstance(result, Estimates):
-            yield Score(name, way, path_m, errors(truth, result), ms)
+            yield Score(name, way, path_m, errors(ground_truth, result), ms)
             continue
-        wrong = is_wrong(truth, result)
+        wrong = is_wrong(ground_truth, result)
         yield Score(
             name,
             way,
             path_m,
-            errors(truth, result.world_T_scan),
+            errors(ground_truth, result.world_T_scan),
             ms,
-            errors(truth, result.odom_T_scan).ate_m,
+            errors(ground_truth, result.odom_T_scan).ate_m,
             len(result.breaks),
             len(wrong),
             int(wrong.sum()),
@@ -138,43 +138,45 @@ def ways(log: Log) -> dict[str, Callable[[], Poses | Estimates]]:
 
 
 def ours(log: Log, use_log_odometry: bool) -> Estimates:
-    return Slam(use_log_odometry=use_log_odometry).estimate(without_truth(log), Progress())
+    return Slam(use_log_odometry=use_log_odometry).estimate(without_ground_truth(log), Progress())
 
 
-def errors(truth: Poses, estimate: Poses) -> Errors:
-    """The errors of poses (n, 4, 4), laid on the true ones."""
-    known = np.isfinite(estimate).all((1, 2)) & np.isfinite(truth).all((1, 2))
-    truth = truth[known]
+def errors(ground_truth: Poses, estimate: Poses) -> Errors:
+    """The errors of poses (n, 4, 4), placed on the true ones."""
+    known = np.isfinite(estimate).all((1, 2)) & np.isfinite(ground_truth).all((1, 2))
+    ground_truth = ground_truth[known]
     estimate = estimate[known]
-    off_m = distance_and_turn(laid(estimate, truth) @ estimate, truth)[0]
+    off_m = distance_and_turn(laid(estimate, ground_truth) @ estimate, ground_truth)[0]
     ate_m = float(np.sqrt((off_m**2).mean()))
-    away_m, turn_deg = distance_and_turn(steps(truth), steps(estimate))
+    away_m, turn_deg = distance_and_turn(steps(ground_truth), steps(estimate))
     bad_steps = int(((away_m > BAD_M) | (turn_deg > BAD_DEG)).sum())
-    return Errors(ate_m, piece_m(truth, estimate), bad_steps)
+    return Errors(ate_m, piece_m(ground_truth, estimate), bad_steps)
 
 
-def laid(estimate: Poses, truth: Poses) -> Poses:
+def laid(estimate: Poses, ground_truth: Poses) -> Poses:
     """The rigid transform (4, 4) that lays poses (n, 4, 4) on true ones (Umeyama, PAMI 1991)."""
     estimate_m = estimate[:, :3, 3]
-    truth_m = truth[:, :3, 3]
-    covariance = (estimate_m - estimate_m.mean(axis=0)).T @ (truth_m - truth_m.mean(axis=0))
+    ground_truth_m = ground_truth[:, :3, 3]
+    covariance = (estimate_m - estimate_m.mean(axis=0)).T @ (
+        ground_truth_m - ground_truth_m.mean(axis=0)
+    )
     U, _, Vt = np.linalg.svd(covariance)
     mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))])
-    truth_T_estimate = np.eye(4)
-    truth_T_estimate[:3, :3] = Vt.T @ mirror @ U.T
-    moved_m = truth_T_estimate[:3, :3] @ estimate_m.mean(axis=0)
-    truth_T_estimate[:3, 3] = truth_m.mean(axis=0) - moved_m
-    return truth_T_estimate
+    ground_truth_T_estimate = np.eye(4)
+    ground_truth_T_estimate[:3, :3] = Vt.T @ mirror @ U.T
+    moved_m = ground_truth_T_estimate[:3, :3] @ estimate_m.mean(axis=0)
+    ground_truth_T_estimate[:3, 3] = ground_truth_m.mean(axis=0) - moved_m
+    return ground_truth_T_estimate
 
 
-def piece_m(truth: Poses, estimate: Poses) -> float:
+def piece_m(ground_truth: Poses, estimate: Poses) -> float:
     """How far poses (n, 4, 4) are off in the mean after PIECE_M of path."""
-    path_m = np.concatenate([[0.0], np.cumsum(steps_m(truth))])
+    path_m = np.concatenate([[0.0], np.cumsum(steps_m(ground_truth))])
     ends = np.searchsorted(path_m, path_m + PIECE_M)
-    starts = np.flatnonzero(ends < len(truth))
+    starts = np.flatnonzero(ends < len(ground_truth))
     if not len(starts):
         return np.nan
-    true = np.linalg.inv(truth[starts]) @ truth[ends[starts]]
+    true = np.linalg.inv(ground_truth[starts]) @ ground_truth[ends[starts]]
     estimated = np.linalg.inv(estimate[starts]) @ estimate[ends[starts]]
     return float(np.linalg.norm((true - estimated)[:, :3, 3], axis=1).mean())
 
@@ -189,9 +191,9 @@ def steps(poses: Poses) -> Poses:
     return np.asarray(np.linalg.inv(poses[:-1]) @ poses[1:])
 
 
-def is_wrong(truth: Poses, estimate: Estimates) -> NDArray[np.bool_]:
+def is_wrong(ground_truth: Poses, estimate: Estimates) -> NDArray[np.bool_]:
     """Which loops (k,) are wrong."""
-    true = np.linalg.inv(truth[estimate.earlier]) @ truth[estimate.later]
+    true = np.linalg.inv(ground_truth[estimate.earlier]) @ ground_truth[estimate.later]
     away_m, turn_deg = distance_and_turn(estimate.earlier_T_later, true)
     return np.asarray((away_m > WRONG_M) | (turn_deg > WRONG_DEG))
 
@@ -223,7 +225,7 @@ def opened(path: Path) -> Log:
     if not path.is_dir():
         raise LogError(f"{path}: no such folder of a log")
     if bag_file.find(path):
-        bag = Bag(truth="/ground_truth", odometry="/odom")
+        bag = Bag(ground_truth="/ground_truth", odometry="/odom")
         return bag.open(path.parent, path.name)
     return Nclt(max_gap_s=3.0).open(path.parent, path.name)
 

@@ -30,7 +30,7 @@ LONGEST = 60
 CARRIED_M = 50.0
 BETWEEN = 5
 CORRECT_M = 15.0
-PROMISE = 0.99
+TARGET_PRECISION = 0.99
 Answers = tuple[NDArray[np.bool_], NDArray[np.bool_]]
 """Which queries are accepted, and which of all are right."""
 Way = Callable[["Day", NDArray[np.int64], np.random.Generator], Answers]
@@ -51,7 +51,7 @@ class Day:
         n = len(self.stamps_ns)
         self.world_T_query = self.fixes.load("world_T_query")[:n]
         self.novelty = self.fixes.load("novelty")[:n, 0].astype(np.float64)
-        self.promised = self.fixes.promised[1]
+        self.pose_thresholds = self.fixes.pose_thresholds[1]
         sad = artifacts / "localize" / Path(model).parent / "sad" / name
         self.sad = store.read(sad, schemas.Rankings) if sad.is_dir() else None
         self.passed_m = travelled_m(self.world_T_true[:, :2, 3])
@@ -59,7 +59,7 @@ class Day:
 
 def alone(day: Day, rows: NDArray[np.int64], rng: np.random.Generator) -> Answers:
     """Each query by itself."""
-    return day.novelty[rows] < day.promised, OF_SCANS.right(
+    return day.novelty[rows] < day.pose_thresholds, OF_SCANS.right(
         day.world_T_query[rows], day.world_T_true[rows]
     )
 
@@ -86,7 +86,9 @@ def filtered(day: Day, rows: NDArray[np.int64], rng: np.random.Generator, drift:
         none,
     )
     found = Filter().along(track)
-    return found.chance >= PROMISE, OF_SCANS.right(found.world_T_query, day.world_T_true[rows])
+    return found.probability >= TARGET_PRECISION, OF_SCANS.right(
+        found.world_T_query, day.world_T_true[rows]
+    )
 
 
 def sequences(day: Day, rows: NDArray[np.int64], rng: np.random.Generator) -> Answers:

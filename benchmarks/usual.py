@@ -1,10 +1,11 @@
-"""The usual chances, learned from worlds: `python -m benchmarks.usual CHAIN STUDY/GRID/MODEL …`.
+"""The usual probabilities, learned from worlds: `python -m benchmarks.usual CHAIN STUDY/GRID/MODEL
+…`.
 
 Each CHAIN is a folder with conf/ and artifacts/ in which `dvc repro` ranked later days of a world.
 Every EVERY-th query of each later day is searched for to the last round against the training day's
 map. What makes its hypotheses right is learned from all of them together, each world as one: the
-numbers of `chances.USUAL`, which every site starts from. So the worlds and days named here are
-those that USUAL knows; a claim about it takes others.
+numbers of `probabilities.USUAL`, which every site starts from. So the worlds and days named here
+are those that USUAL knows; a claim about it takes others.
 """
 
 import os
@@ -24,20 +25,20 @@ from numpy.typing import NDArray
 from pipeline.core import schemas, store
 from pipeline.core.compute import Compute
 from pipeline.mapping.gathering import submap_points
-from pipeline.posing.chances import SIGNS, USUAL, learned
-from pipeline.posing.fix import signs
+from pipeline.posing.fix import features
+from pipeline.posing.probabilities import FEATURES, USUAL, learned
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import OF_SCANS
 
 EVERY = 5
 SURE = 0.999
-"""Searches go on: a look-alike shall be among the hypotheses."""
+"""Searches go on: a perceptual alias shall be among the hypotheses."""
 WEIGHT = 100.0
 """That a world's queries have together, however many they are."""
 
 Searched = tuple[NDArray[np.float64], NDArray[np.bool_]]
-"""The signs (n, sign) of a query's hypotheses, and which are right (n,)."""
+"""The features (n, feature) of a query's hypotheses, and which are right (n,)."""
 
 
 def searched(chain: Path, model: str) -> Iterator[Searched]:
@@ -62,7 +63,7 @@ def searched(chain: Path, model: str) -> Iterator[Searched]:
             if fix.hypotheses:
                 found = np.array([hypothesis.world_T_query for hypothesis in fix.hypotheses])
                 good = OF_SCANS.right(found, np.broadcast_to(world_T_true[row], found.shape))
-                yield signs(fix.hypotheses), good
+                yield features(fix.hypotheses), good
 
 
 def main(*words: str) -> None:
@@ -73,7 +74,7 @@ def main(*words: str) -> None:
     weight = np.concatenate([np.full(len(world), WEIGHT / len(world)) for world in worlds])
     usual = learned([query[0] for query in queries], [query[1] for query in queries], weight)
     print(f"{len(queries)} queries of {len(worlds)} worlds")
-    for name, before, after in zip(SIGNS, USUAL.weights, usual.weights, strict=True):
+    for name, before, after in zip(FEATURES, USUAL.weights, usual.weights, strict=True):
         print(f"{name:<12}{before:8.1f} →{after:8.1f}")
     print(f"{'offset':<12}{USUAL.offset:8.1f} →{usual.offset:8.1f}")
 

@@ -2,11 +2,11 @@
 
 `python -m benchmarks.verdicts ARTIFACTS STUDY/GRID/MODEL [SITE]` reads the poses that `dvc repro`
 built. Of each day: how many of the queries that training saw (nearer than 5 m) have a right pose (2
-m and 5°); the calibration error, of the chance against the truth over ten bins of as many poses;
-the coverage, the share of all queries that could be accepted at a precision by a threshold chosen
-afterwards. Then a row a promise: of the right poses the share that is accepted; wrong ones of those
-accepted, with an exact interval of 95 %; what is called near (within 15 m) or ambiguous besides,
-and how much of the first is true.
+m and 5°); the calibration error, of the probability against the ground truth over ten bins of as
+many poses; the coverage, the share of all queries that could be accepted at a precision by a
+threshold chosen afterwards. Then a row a target precision: of the right poses the share that is
+accepted; wrong ones of those accepted, with an exact interval of 95 %; what is called near (within
+15 m) or ambiguous besides, and how much of the first is true.
 
 With the file of a packed SITE every twentieth query is localised by it: CPU time of one thread from
 points to fix, drawing and ranking included.
@@ -27,7 +27,7 @@ from scipy.stats import beta
 from pipeline.core import schemas, store
 from pipeline.mapping.gathering import submap_points
 from pipeline.online.site import Site
-from pipeline.posing.verdict import BELIEFS, OF_SCANS
+from pipeline.posing.verdict import CLAIMS, OF_SCANS
 
 SEEN_M = 5.0
 EVERY = 20
@@ -44,17 +44,20 @@ def interval(wrong: int, accepted: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def calibration(chance: NDArray[np.float64], good: NDArray[np.bool_]) -> float:
-    """The mean distance of chance from truth, over bins of as many poses."""
-    order = np.argsort(chance, kind="stable")
+def calibration(probability: NDArray[np.float64], good: NDArray[np.bool_]) -> float:
+    """The mean distance of probability from ground truth, over bins of as many poses."""
+    order = np.argsort(probability, kind="stable")
     parts = [part for part in np.array_split(order, BINS) if len(part)]
-    off = [len(part) * abs(float(chance[part].mean() - good[part].mean())) for part in parts]
+    off = [len(part) * abs(float(probability[part].mean() - good[part].mean())) for part in parts]
     return sum(off) / max(len(order), 1)
 
 
-def coverage(doubts: NDArray[np.float64], good: NDArray[np.bool_], precision: float) -> float:
-    """The largest share of all queries (q,) that can be accepted, by one doubt, at a precision."""
-    order = np.argsort(doubts, kind="stable")
+def coverage(
+    error_probabilities: NDArray[np.float64], good: NDArray[np.bool_], precision: float
+) -> float:
+    """The largest share of all queries (q,) that can be accepted, by one error probability, at a
+    precision."""
+    order = np.argsort(error_probabilities, kind="stable")
     kept = np.flatnonzero(np.cumsum(good[order]) >= precision * np.arange(1, len(good) + 1))
     return float(kept.max(initial=-1) + 1) / max(len(good), 1)
 
@@ -65,7 +68,7 @@ def day(
     """The rows of one day."""
     n = len(world_T_true)
     world_T_query = fixes.load("world_T_query")[:n]
-    doubts = fixes.load("novelty")[:n, : len(BELIEFS)].astype(np.float64)
+    error_probabilities = fixes.load("novelty")[:n, : len(CLAIMS)].astype(np.float64)
     away_m = np.linalg.norm(world_T_true[:, None, :2, 3] - world_T_anchor[:, :2, 3], axis=2).min(
         axis=1
     )
@@ -74,26 +77,30 @@ def day(
     near = (
         np.linalg.norm(world_T_query[:, :2, 3] - world_T_true[:, :2, 3], axis=1) < OF_SCANS.near_m
     )
-    error = calibration(1 - doubts[:, 0], good)
-    covered = ", ".join(f"{coverage(doubts[:, 0], good, p):.3f} at {p}" for p in PRECISIONS)
+    error = calibration(1 - error_probabilities[:, 0], good)
+    covered = ", ".join(
+        f"{coverage(error_probabilities[:, 0], good, p):.3f} at {p}" for p in PRECISIONS
+    )
     rows = [
         f"{n} queries, {seen.sum()} seen, right of these {good[seen].mean():.3f}; calibration "
         f"error {error:.3f}",
-        f"  of all queries, in hindsight, by the doubt alone: {covered}",
+        f"  of all queries, in hindsight, by the error probability alone: {covered}",
     ]
-    limits = zip(
-        *(fixes.promised, fixes.promised_place, fixes.promised_several),
+    thresholds = zip(
+        *(fixes.pose_thresholds, fixes.place_thresholds, fixes.several_thresholds),
         strict=True,
     )
-    for promise, (pose, place, several) in zip(fixes.promises, limits, strict=True):
-        accepted = doubts[:, 0] < pose
-        close = ~accepted & (doubts[:, 1] < place)
-        open_ = ~accepted & ~close & (doubts[:, 2] < several)
+    for target_precision, (pose, place, several) in zip(
+        fixes.target_precisions, thresholds, strict=True
+    ):
+        accepted = error_probabilities[:, 0] < pose
+        close = ~accepted & (error_probabilities[:, 1] < place)
+        open_ = ~accepted & ~close & (error_probabilities[:, 2] < several)
         wrong = int((accepted & ~good).sum())
         low, high = interval(wrong, int(accepted.sum()))
         recall = (accepted & good).sum() / max(good.sum(), 1)
         rows.append(
-            f"  {promise:<6} of right {recall:.3f}, of seen "
+            f"  {target_precision:<6} of right {recall:.3f}, of seen "
             f"{(accepted & good & seen).sum() / max(seen.sum(), 1):.3f}; wrong {wrong:>2} of "
             f"{accepted.sum():<3} ({low:.3f} to {high:.3f}); near {close.sum():>2}, true "
             f"{(close & near).sum():>2}; ambiguous {open_.sum():>2}"
@@ -107,7 +114,7 @@ def times_ms(site: Site, scans: schemas.Scans, submaps: schemas.Submaps) -> str:
     for row in range(0, submaps["scans"].shape[0], EVERY):
         points_m = next(iter(submap_points(scans, submaps, slice(row, row + 1))))
         start = time.process_time()
-        site.localize(points_m, promise=None)
+        site.localize(points_m, target_precision=None)
         took.append(1e3 * (time.process_time() - start))
     return (
         f"  CPU-ms mean {np.mean(took):.0f}, median {np.median(took):.0f}, 95 % "

@@ -1,7 +1,7 @@
 """Stage `evaluate`: judges a model's answers to each test sequence against the true places.
 
 It reads rankings (with poses or without), labels and submaps. For each case of the queries, such as
-as driven or turned, it writes outcomes and numbers by both protocols: an answer is
+unperturbed or turned, it writes outcomes and numbers by both protocols: an answer is
 right if it is the query's cell, or if it is near enough.
 """
 
@@ -11,8 +11,8 @@ from pathlib import Path
 
 from pipeline.core import schemas, store
 from pipeline.evaluation.bootstrap import Bootstrap
+from pipeline.evaluation.evaluations import Evaluations, line, metrics
 from pipeline.evaluation.judge import judge_cases
-from pipeline.evaluation.judgement import Evaluations, line, metrics
 from pipeline.evaluation.protocols import PROTOCOLS, Distance
 from stages import EachSequence, each_sequence, stage
 
@@ -44,7 +44,7 @@ def main(settings: Settings) -> str:
         metrics_folder.mkdir()
 
         def evaluate(sequence: str, folder: Path) -> str:
-            """Write the evaluation of one sequence in every case, and its metrics as driven."""
+            """Write the evaluation of one sequence in every case, and its metrics unperturbed."""
             name = f"{sequence}.zarr"
             distance = settings.tolerance.distance
             bootstrap = settings.tolerance.bootstrap
@@ -64,10 +64,10 @@ def main(settings: Settings) -> str:
                 bootstrap=asdict(bootstrap),
             )
             store.write(folder / name, evaluations)
-            as_driven = evaluations.case()
-            text = json.dumps(metrics(as_driven), indent=2, allow_nan=False)
+            unperturbed = evaluations.case()
+            text = json.dumps(metrics(unperturbed), indent=2, allow_nan=False)
             (metrics_folder / f"{sequence}.json").write_text(f"{text}\n", encoding="utf-8")
-            by_protocol = [f"by {protocol} {line(as_driven, protocol)}" for protocol in PROTOCOLS]
+            by_protocol = [f"by {protocol} {line(unperturbed, protocol)}" for protocol in PROTOCOLS]
             return f"{sequence}: {', '.join(by_protocol)}"
 
         return each_sequence(settings, evaluate, "evaluate")

@@ -2,7 +2,7 @@
 
 It writes, for each query, a ranking of places with costs, and how new the query looks (its
 novelty); and for the whole sequence the threshold of novelty from which a query is rejected as
-unseen, chosen on held-out blocks of the training sequence.
+unseen, chosen on validation blocks of the training sequence.
 """
 
 from dataclasses import asdict, dataclass
@@ -25,14 +25,14 @@ class Settings(EachSequence):
     method: Any
     model: Path
     views: Path
-    altered: Path
-    """Folder of the altered queries, drawn as the same view (stage `altered`)."""
-    alterations: Names = ()
-    """Names of the alterations to answer."""
+    perturbed: Path
+    """Folder of the perturbed queries, drawn as the same view (stage `perturbed`)."""
+    perturbations: Names = ()
+    """Names of the perturbations to answer."""
     k: Count
     """Places ranked for each query."""
     rejection: Any
-    """Chooses the thresholds on held-out blocks."""
+    """Chooses the thresholds on validation blocks."""
 
 
 @stage("localize")
@@ -40,12 +40,12 @@ def main(settings: Settings) -> str:
     stored_model = StoredModel(str(settings.model), settings.method, settings.rejection, settings.k)
 
     def rank(sequence: str, folder: Path) -> str:
-        """Write the rankings of one sequence: as driven, then of each altered case."""
+        """Write the rankings of one sequence: unperturbed, then of each perturbed case."""
         name = f"{sequence}.zarr"
-        altered_paths = [
-            settings.altered / alteration / name for alteration in settings.alterations
+        perturbed_paths = [
+            settings.perturbed / perturbation / name for perturbation in settings.perturbations
         ]
-        cases = Rows.queries(settings.views / name, altered_paths)
+        cases = Rows.queries(settings.views / name, perturbed_paths)
         return write_rankings(stored_model, cases, folder / name)
 
     return each_sequence(settings, rank, "localize", one_by_one_in_threads=True)
@@ -54,7 +54,7 @@ def main(settings: Settings) -> str:
 def write_rankings(stored_model: StoredModel, cases: dict[Any, Rows], path: Path) -> str:
     """Write the rankings of a sequence's queries in all cases; returns a line on them.
 
-    `cases` has the views of the queries in each case: as driven first, then altered.
+    `cases` has the views of the queries in each case: unperturbed first, then perturbed.
     """
     ranking = stored_model.rank(cases)
     rejection = stored_model.rejection
@@ -62,19 +62,19 @@ def write_rankings(stored_model: StoredModel, cases: dict[Any, Rows], path: Path
     # one threshold for each kind of novelty
     thresholds = rejection.thresholds(stored_model.model, ranking.kinds)
     reject_from = tuple(float(threshold.reject_from) for threshold in thresholds)
-    kept_precision = tuple(float(threshold.kept_precision) for threshold in thresholds)
+    validation_precision = tuple(float(threshold.validation_precision) for threshold in thresholds)
     rankings = schemas.Rankings(
         **vars(ranking),
         turned_deg=turned_deg(cases).astype(np.float32),
         cases=[asdict(case) for case in cases],
         thresholds=reject_from,
-        wanted_precision=rejection.wanted_precision,
-        kept_precision=kept_precision,
+        target_precision=rejection.target_precision,
+        validation_precision=validation_precision,
     )
     store.write(path, rankings)
-    # the line tells of the queries as driven, by the first kind of novelty, which is in use
-    driven_novelty = ranking.novelty[:n_driven, 0].astype(float)
-    n_rejected = int((driven_novelty >= reject_from[0]).sum())
+    # the line tells of the unperturbed queries, by the first kind of novelty, which is in use
+    unperturbed_novelty = ranking.novelty[:n_driven, 0].astype(float)
+    n_rejected = int((unperturbed_novelty >= reject_from[0]).sum())
     n_places = ranking.places.shape[1]
     cases_note = f" in {len(cases)} cases" if len(cases) > 1 else ""
     summary = rejection.summary(stored_model.model, thresholds[0], n_rejected)

@@ -1,7 +1,8 @@
 """Stage `logs`: drives one sequence through a simulated world and writes its raw logs.
 
-The logs have the data set's own format, so the later stages read simulated and recorded logs alike.
-If the logs are recorded, the stage checks that the files are there and writes a list of them.
+The logs have the data set's own format, so the later stages read simulated and recorded logs in the
+same way. If the logs are recorded, the stage checks that the files are there and writes a list of
+them.
 """
 
 from dataclasses import dataclass

@@ -1,10 +1,11 @@
-"""Stage `poses`: registers each query with the map, and says whether to believe the pose.
+"""Stage `poses`: registers each query with the map, and says whether to accept the pose.
 
 A method's ranking of places gives candidates. Each query's points are registered with the map's
 submaps there, and the best pose is its fix. The stage writes the fixes of each test sequence: the
-pose, the places re-ranked by it, and a doubt (one minus the chance that the pose is right) with the
-limits from which to reject it. The limits keep promised precisions on held-out blocks of the
-training sequence; what these teach is written beside the fixes, for `yearloc pack`.
+pose, the places re-ranked by it, and an error probability (one minus the probability that the pose
+is right) with the limits from which to reject it. The thresholds reach their target precisions on
+validation blocks of the training sequence; what these teach is written beside the fixes, for
+`yearloc pack`.
 
 Level sweeps, of a 2-D laser, are searched in a grid of the whole map instead.
 """
@@ -23,13 +24,13 @@ from pipeline.core.errors import InputError
 from pipeline.core.frames import LEVEL_RIGHT_WITHIN, RIGHT_WITHIN
 from pipeline.core.settings import Count, Names, Share
 from pipeline.level.day import LevelDay, sweeps_basis
-from pipeline.level.held_out import LevelHeldOut, Sweeps
+from pipeline.level.validation import LevelValidation, Sweeps
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Rows
 from pipeline.posing.answers import PosedQuery, Posing
-from pipeline.posing.held_out import Drive, TrainingDay
-from pipeline.posing.learning import VERDICT, Learned, basis
+from pipeline.posing.learned_verdict import VERDICT, Learned, basis
 from pipeline.posing.queries import Queries
+from pipeline.posing.validation import Drive, TrainingDay
 from stages import EachSequence, ProgressBar, build, stage
 
 
@@ -57,20 +58,20 @@ class Settings(EachSequence):
     """Folder of the method's own rankings."""
     others: Names = ()
     """Folders of other methods' rankings, whose places are candidates too."""
-    alterations: Names = ()
-    """The alterations whose queries stage `localize` answered too: files of conf/alteration."""
+    perturbations: Names = ()
+    """The perturbations whose queries stage `localize` answered too: files of conf/perturbation."""
     map: Path
     labels: Path
     scans: Path
     submaps: Path
     k: Count
     """How many places of each ranking are candidates."""
-    wanted_precision: Share
+    target_precision: Share
     """The precision that accepted places keep."""
     unseen_share: Share
     """The share of unseen queries that the limits assume."""
-    held_out: DictConfig
-    """Registers the held-out blocks of the training sequence."""
+    validation: DictConfig
+    """Registers the validation blocks of the training sequence."""
     fixer: DictConfig
     """Registers a query at its candidate places."""
 
@@ -95,12 +96,12 @@ def main(settings: Settings) -> str:
             learned, posed_queries = learned_of_scans(settings, labels, compute)
             learned_with = scans_basis(settings)
         learned.write(folder / f"{VERDICT}.zarr", learned_with)
-        lines = [f"{learned.fix_count} fixes of {learned.verdict.held_out} held-out blocks"]
+        lines = [f"{learned.fix_count} fixes of {learned.verdict.validation} validation blocks"]
         posing = Posing(
             learned.verdict,
             right_within,
             Places.of(labels),
-            settings.wanted_precision,
+            settings.target_precision,
         )
         # pose the queries of each test sequence
         sequences = settings.sequences
@@ -115,7 +116,7 @@ def main(settings: Settings) -> str:
 def learned_of_scans(
     settings: Settings, labels: schemas.Labels, compute: Compute
 ) -> tuple[Learned, PosedQueries]:
-    """Register held-out blocks of 3-D scans with the map, and judge later queries by them."""
+    """Register validation blocks of 3-D scans with the map, and judge later queries by them."""
     name = f"{settings.train}.zarr"
     fixer = instantiate(settings.fixer, **(settings.budget.poses or {}))
     map_path = settings.map / name
@@ -128,18 +129,18 @@ def learned_of_scans(
         settings.method.localizer(store.read_model(settings.model)),
         settings.k,
     )
-    held_out = instantiate(settings.held_out)
-    evidence = held_out.evidence(fixer, day, compute, ProgressBar())
+    validation = instantiate(settings.validation)
+    evidence = validation.evidence(fixer, day, compute, ProgressBar())
     learned = Learned.of(evidence, evidence.verdict(settings.unseen_share))
     fixer = learned.tuned(fixer)
     judge = learned.judge
 
     def posed_queries(sequence: str) -> list[PosedQuery]:
         """Pose the queries of one sequence; it may run in a process of its own."""
-        alterations = [build("alteration", name) for name in settings.alterations]
+        perturbations = [build("perturbation", name) for name in settings.perturbations]
         rankings = (str(settings.rankings), *settings.others)
         queries = Queries(
-            sequence, str(settings.scans), str(settings.submaps), rankings, alterations
+            sequence, str(settings.scans), str(settings.submaps), rankings, perturbations
         )
         return [PosedQuery.of(fix, judge) for fix in queries.fixes(fixer, map_path, settings.k)]
 
@@ -152,15 +153,15 @@ def scans_basis(settings: Settings) -> str:
     return basis(
         settings.model.read_bytes(),
         fixer=OmegaConf.to_container(fixer),
-        held_out=OmegaConf.to_container(settings.held_out),
+        validation=OmegaConf.to_container(settings.validation),
         k=settings.k,
         unseen_share=settings.unseen_share,
     )
 
 
 def learned_of_sweeps(settings: Settings, sweeps: Sweeps) -> tuple[Learned, PosedQueries]:
-    """Search a grid of level sweeps for held-out stretches, and judge later queries by them."""
-    day = LevelDay.of(sweeps, settings.unseen_share, LevelHeldOut())
+    """Search a grid of level sweeps for validation stretches, and judge later queries by them."""
+    day = LevelDay.of(sweeps, settings.unseen_share, LevelValidation())
 
     def posed_queries(sequence: str) -> list[PosedQuery]:
         """Pose the queries of one sequence; it may run in a process of its own."""
@@ -168,8 +169,9 @@ def learned_of_sweeps(settings: Settings, sweeps: Sweeps) -> tuple[Learned, Pose
         rankings = store.read(settings.rankings / name, schemas.Rankings)
         if len(rankings.cases) > 1:
             raise InputError(
-                f"{rankings.path}: altered queries, and level sweeps are localised as driven alone;"
-                " leave altered= empty, or poses="
+                f"{rankings.path}: perturbed queries, and level sweeps are localised unperturbed "
+                "alone;"
+                " leave perturbed= empty, or poses="
             )
         submaps = store.read(settings.submaps / name, schemas.Submaps)
         scans = store.read(settings.scans / name, schemas.Scans)

@@ -1,7 +1,7 @@
 """Stage `publish`: shows a study in MLflow, from its table of results, models and figures.
 
 Everything that MLflow gets is in the artifacts already, so its database may be deleted and
-published anew at any time.
+published again at any time.
 """
 
 from dataclasses import dataclass, replace
@@ -54,7 +54,7 @@ def main(settings: Settings) -> str:
         study_runs = StudyRuns(study, grid, pick(table, grid=grid), figures, lock)
         if study.learns_further_days:
             runs += of_strategies(study_runs)
-        if study.asks_about_the_year:
+        if study.tests_over_days:
             for method in study.methods:
                 runs += runs_of_method(layout, study_runs, method)
     experiment = tracking.experiment_of(
@@ -71,7 +71,7 @@ def main(settings: Settings) -> str:
     moved_note = ""
     if published.aside:
         moved_note = (
-            "the folder moved, so the runs were written anew; the old experiment is now "
+            "the folder moved, so the runs were rewritten; the old experiment is now "
             f"{published.aside}; "
         )
     return (

@@ -26,7 +26,7 @@ class Settings:
     study: Study
     artifacts: Path
     unseen_share: Share
-    """The share of unseen queries that the held-out AUC assumes."""
+    """The share of unseen queries that the validation AUC assumes."""
     ageing: Ageing
     """How lines are fitted to numbers over the days since training."""
     bands: Bands

@@ -15,7 +15,7 @@ from pipeline.core import schemas, store
 from pipeline.core.settings import NotNegative, Positive
 from pipeline.mapping.scans import Intake
 from pipeline.readers.estimated import with_estimated_poses
-from pipeline.readers.parts import open_part
+from pipeline.readers.splits import open_split
 from stages import ProgressBar, stage
 
 
@@ -48,7 +48,7 @@ class Settings:
 
 @stage("scans")
 def main(settings: Settings) -> str:
-    log = open_part(settings.dataset.reader, settings.root, settings.sequence)
+    log = open_split(settings.dataset.reader, settings.root, settings.sequence)
     has_estimated_poses = any(settings.slam.iterdir())
     if has_estimated_poses:
         log = with_estimated_poses(log, settings.slam)

@@ -11,8 +11,8 @@ from typing import Any
 from pipeline.core import store
 from pipeline.readers.estimated import estimates_of
 from pipeline.readers.log import Log
-from pipeline.readers.parts import open_part
-from pipeline.slam.drive import Slam, without_truth
+from pipeline.readers.splits import open_split
+from pipeline.slam.drive import Slam, without_ground_truth
 from pipeline.slam.onto import estimate_onto
 from pipeline.slam.outputs import draw
 from pipeline.slam.summary import lines
@@ -49,7 +49,7 @@ class Settings:
 def main(settings: Settings) -> str:
     def open_log(sequence: str) -> Log:
         """Open the raw log of a sequence, without the true poses that it may have."""
-        return without_truth(open_part(settings.dataset.reader, settings.root, sequence))
+        return without_ground_truth(open_split(settings.dataset.reader, settings.root, sequence))
 
     log = open_log(settings.sequence)
     if settings.map is None:

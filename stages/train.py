@@ -1,6 +1,6 @@
 """Stage `train`: a method learns the views of the training sequences and their places.
 
-It writes a model. If an earlier model of the first sequence is given, that one is grown by the
+It writes a model. If an earlier model of the first sequence is given, that model is extended by the
 later sequences instead of learning from the start.
 """
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pipeline.core import schemas, store
 from pipeline.core.building import target_of
 from pipeline.core.settings import Names, Positive
-from pipeline.matching import growth
+from pipeline.matching import incremental
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Model, Rows, joined_places
 from pipeline.running.provenance import fingerprint
@@ -59,7 +59,7 @@ def main(settings: Settings) -> str:
     views = Rows.joined(views_of_sequences)
     places_by_day = [labels.load("places") for labels in labels_by_day]
     places = joined_places(places_by_day)
-    # All that the weights of a checkpoint depend on: with another key, training starts anew.
+    # All that the weights of a checkpoint depend on: with another key, training starts again.
     checkpoint_key = fingerprint(
         method,
         share,
@@ -74,14 +74,14 @@ def main(settings: Settings) -> str:
     if not settings.from_:
         weights = method.learn(views, places, progress)
     else:
-        weights, learned_set = growth.grown(
+        weights, learned_set = incremental.extended(
             method,
             store.read_model(settings.from_),
             views_of_sequences,
             Places.of(labels_by_day[0]),
             progress,
         )
-        places = learned_set.places  # those that the grown model knows, for the summary
+        places = learned_set.places  # those that the updated model knows, for the summary
     model = {"image_shape": np.array(views.images.shape[1:]), **weights}
     recipe = {"_target_": target_of(method), **asdict(method), "budget": share}
     store.write_model(settings.out, model, recipe)

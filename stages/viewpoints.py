@@ -12,7 +12,7 @@ from typing import Any
 from pipeline.core import store
 from pipeline.core.building import build, parsed
 from pipeline.core.settings import Count, Names
-from pipeline.evaluation.viewpoints import line, means
+from pipeline.evaluation.viewpoint_matches import line, means
 from pipeline.matching.ranking import Rows
 from stages import METHODS, ProgressBar, stage
 

@@ -1,4 +1,5 @@
-"""Makes the artifacts of scans, submaps and views as the stages write them, from what a test needs."""
+"""Makes the artifacts of scans, submaps and views as the stages write them, from what a test
+needs."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -33,7 +34,7 @@ def write_scans(
     odom_variance: np.ndarray | None = None,
     stamps_ns: np.ndarray | None = None,
 ) -> schemas.Scans:
-    """Scans of points (n, 3) each; if nothing is said, their odometry is the truth."""
+    """Scans of points (n, 3) each; if nothing is said, their odometry is the ground truth."""
     count = len(points)
     columns = {
         "points": np.rint(np.concatenate([np.empty((0, 3)), *points]) / GRAIN_M).astype(np.int16),

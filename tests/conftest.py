@@ -35,7 +35,8 @@ LESS = (
     ("conf/poses.yaml", "every_m: 5.0", "every_m: 20.0"),
     ("conf/poses.yaml", "enough: 150", "enough: 10"),
 )
-"""What the chain does less of: one day of stress is enough, and nothing is sure in so small a world."""
+"""What the chain does less of: one day of stress is enough, and nothing is sure in so small a
+world."""
 
 
 class ByFile(LoadFileScheduling):  # type: ignore[misc]
@@ -134,9 +135,9 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Clone:
     """
     alone = "PYTEST_XDIST_WORKER" not in os.environ
     shared = tmp_path_factory.getbasetemp() if alone else tmp_path_factory.getbasetemp().parent
-    told = shared / "chain.json"
+    reported = shared / "chain.json"
     with FileLock(shared / "chain.lock"):
-        if not told.is_file():
+        if not reported.is_file():
             (shared / "chain").mkdir()
             clone = Clone(shared / "chain")
             clone.draw_small()
@@ -144,10 +145,10 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Clone:
                 clone.edit(path, old, new)
             use = "methods=sci,scan_context,sad variants= poses=scan_context paths=filter,graph_all"
             clone.run("yearloc", "use", "campus", "world=tiny", *use.split())
-            use = "question=robustness methods=sci,scan_context variants=engaged altered=turned cells=5m"
+            use = "experiment=robustness methods=sci,scan_context variants=engaged perturbed=turned cells=5m"
             clone.run("yearloc", "use", "town", "world=tiny", *use.split(), "--add")
-            use = "question=viewpoints methods=sad"
+            use = "experiment=viewpoints methods=sad"
             clone.run("yearloc", "use", "suburb", "world=tiny", *use.split(), "--add")
             share_kernels(clone.folder, ROOT)
-            told.write_text(json.dumps({"ran": clone.repro(), "undisturbed": clone.digests()}))
-    return Clone(shared / "chain", told.read_text()).twin(tmp_path_factory.mktemp("copy"))
+            reported.write_text(json.dumps({"ran": clone.repro(), "undisturbed": clone.digests()}))
+    return Clone(shared / "chain", reported.read_text()).twin(tmp_path_factory.mktemp("copy"))

@@ -33,8 +33,8 @@ GAP = "…"
 WORD = re.compile(r"[^\W\d_]{2,}")
 FEW = 2
 """A text of so few words is a value, and nothing to be looked up."""
-ALIKE = 0.75
-"""How alike two texts are, from 0 to 1, of which the later has taken the place of the other."""
+SIMILAR = 0.75
+"""How similar two texts are, from 0 to 1, of which the later has taken the place of the other."""
 
 
 def plain(node: ast.AST) -> str:
@@ -90,7 +90,7 @@ def written(page: str, rooms: Mapping[str, str], templates: str = "") -> str:
         """The message as the source has it now; empty if it has none like it."""
         if message in texts or all(part.strip() in words for part in message.split(GAP)):
             return message
-        for text in get_close_matches(message, unlisted, n=1, cutoff=ALIKE):
+        for text in get_close_matches(message, unlisted, n=1, cutoff=SIMILAR):
             del unlisted[text]
             return text
         return ""

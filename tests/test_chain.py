@@ -27,7 +27,7 @@ from tests.studies.made import study as made_study
 
 def test_every_stage_runs_once_and_leaves_its_artifact(built):
     ran = {stage.partition("@")[0] for stage in built.ran}
-    # learning further days is below; both studies have a survey
+    # learning further days is below; both studies have reference poses
     assert ran == set(definition(ROOT)["stages"]) - {"lifelong", "slam", "slam_further"}
     lists = yaml.safe_load((built.folder / "conf/lists.yaml").read_text())["lists"]
     # logs and scans of a drive
@@ -45,7 +45,7 @@ def test_the_reports_say_that_every_study_is_simulated(built):
     assert built.run("yearloc", "results").lower().count("simulated") >= 3
 
 
-def test_the_table_tells_of_each_alteration_and_stress_and_every_model(built):
+def test_the_table_tells_of_each_perturbation_and_stress_and_every_model(built):
     table = pd.read_json(
         io.StringIO(
             built.run("yearloc", "results", "--json", "--where", "study=town", "protocol=cells")
@@ -56,8 +56,8 @@ def test_the_table_tells_of_each_alteration_and_stress_and_every_model(built):
     models = {("sci", ""), ("scan_context", ""), ("scan_context", "engaged")}
     assert set(zip(turned["method"], turned["variant"], strict=True)) == models
     assert turned["repeat"].nunique() == 5
-    as_driven = own["ask"].isin(["unperturbed", "stress"])
-    driven = own[(own["model"] == "sci") & as_driven].set_index("sequence")["value"]
+    unperturbed = own["ask"].isin(["unperturbed", "stress"])
+    driven = own[(own["model"] == "sci") & unperturbed].set_index("sequence")["value"]
     shown = json.loads(
         built.run("dvc", "metrics", "show", "--json", "artifacts/metrics/town/10m/sci")
     )[""]["data"]
@@ -80,13 +80,13 @@ def test_the_page_holds_every_section_of_the_studies(built):
         assert f'id="{name}"' in page
 
 
-def test_viewpoints_are_told_by_heading_in_files_and_in_mlflow(built):
+def test_viewpoints_are_reported_by_heading_in_files_and_in_mlflow(built):
     (path,) = (built.folder / "artifacts/metrics/suburb/10m/viewpoints/sad").iterdir()
     assert path.name == "00.json"
-    told = built.run(
+    reported = built.run(
         "yearloc", "results", "--json", "--where", "study=suburb", "number=accuracy", "sequence=00"
     )
-    table = pd.read_json(io.StringIO(told))
+    table = pd.read_json(io.StringIO(reported))
     assert json.loads(path.read_text())["accuracy"] == pytest.approx(table["value"].mean())
     assert len(table) >= 8  # headings
     with closing(sqlite3.connect(built.folder / "mlflow.db")) as database:
@@ -106,7 +106,7 @@ def test_a_model_of_the_chain_learns_its_day_street_by_street(built, tmp_path):
         "method=scan_context",
         "name={method: scan_context}",
         "order=streets",
-        "strategy=grown",
+        "strategy=incremental",
         "view_name=scan_context",
     )
     paths = (
@@ -116,15 +116,15 @@ def test_a_model_of_the_chain_learns_its_day_street_by_street(built, tmp_path):
         "scans=artifacts/scans/town",
         "submaps=artifacts/submaps/town",
         "map=artifacts/map/town",
-        f"out={tmp_path}/grown.zarr",
-        f"timing={tmp_path}/grown.json",
+        f"out={tmp_path}/incremental.zarr",
+        f"timing={tmp_path}/incremental.json",
     )
     line = built.run("python", "-m", "stages.lifelong", *course, *days, *paths)
     assert re.search(r"lifelong: 4 steps to \d+ places: of \d+ queries that can be known", line)
-    artifact = store.read(tmp_path / "grown.zarr", Lifelong)
+    artifact = store.read(tmp_path / "incremental.zarr", Lifelong)
     assert artifact.attrs["places"] == sorted(artifact.attrs["places"])
     assert artifact.load("right").sum(axis=1).argmax() > 0  # more is answered once more is known
-    assert len(json.loads((tmp_path / "grown.json").read_text())["cpu_s"]) == 4
+    assert len(json.loads((tmp_path / "incremental.json").read_text())["cpu_s"]) == 4
 
 
 STAGES = {
@@ -134,7 +134,7 @@ STAGES = {
         "submaps",
         "views",
         "birdviews",
-        "altered",
+        "perturbed",
         "localize",
         "evaluate",
         "paths",
@@ -163,7 +163,7 @@ def test_processes_and_a_scheduler_with_two_workers_give_the_bytes_of_threads(
 
 
 def test_a_second_run_runs_nothing_whatever_the_clock_says(built):
-    """Outputs and sources of years to come, and of long ago: what is there is told by its
+    """Outputs and sources of years to come, and of long ago: what is there is reported by its
     content."""
     for number, folder in enumerate(("artifacts", "conf", "pipeline", "stages", "dag")):
         for path in (built.folder / folder).rglob("*"):
@@ -189,8 +189,8 @@ EDITS = {
         ),
     ],
     "views, and how a figure looks": [
-        ("conf/view/scan_context.yaml", "rings: 16", "rings: 20", {"views", "altered", "poses"}),
-        ("conf/view/birdview_campus.yaml", "depth: 7", "depth: 6", {"birdviews", "altered"}),
+        ("conf/view/scan_context.yaml", "rings: 16", "rings: 20", {"views", "perturbed", "poses"}),
+        ("conf/view/birdview_campus.yaml", "depth: 7", "depth: 6", {"birdviews", "perturbed"}),
         (
             "pipeline/report/figures/style.py",
             "simulated, not recorded",
@@ -202,7 +202,7 @@ EDITS = {
         ("conf/world/town_tiny.yaml", "seed: 1", "seed: 2", {"logs", "events"}),
         ("conf/poses.yaml", "k: 25", "k: 20", {"poses"}),
         ("conf/path/graph_all.yaml", "fix_m: 0.1", "fix_m: 0.2", {"paths"}),
-        ("conf/alteration/turned.yaml", "repeats: 5", "repeats: 4", {"altered"}),
+        ("conf/perturbation/turned.yaml", "repeats: 5", "repeats: 4", {"perturbed"}),
     ],
     "a colour": [("pipeline/studies/colours.py", "#004087", "#004088", {"report", "publish"})],
     "what must not change a result": [
@@ -240,18 +240,18 @@ def test_poses_are_a_variant_in_the_table_and_place_what_the_model_cannot(built)
     ).all()  # tiny training; walls find the places
     assert (values["pose", "within_2m_5deg"] > 0.6).all()
     assert "within_2m_5deg" not in values[""].index
-    # Held-out queries are too few for a verdict here; odometry carries what was found to queries
+    # Validation queries are too few for a verdict here; odometry carries what was found to queries
     # that find nothing.
     for path in ("filter", "graph_all"):
         assert (values[f"pose-{path}", "within_2m_5deg"] >= values["pose", "within_2m_5deg"]).all()
-    altered = table[
+    perturbed = table[
         (table["variant"] == "pose")
         & (table["number"] == "within_2m_5deg")
         & (table["protocol"] == "distance")
     ]
-    found = altered[altered["ask"] == "perturbed"].set_index("of")["value"]
+    found = perturbed[perturbed["ask"] == "perturbed"].set_index("of")["value"]
     assert set(found.index) == {"turned", "demolition", "construction"}
-    assert found["turned"] > 0.6  # its truth is turned with it
+    assert found["turned"] > 0.6  # its ground truth is turned with it
     assert not (built.folder / "artifacts/report/campus/10m/history_scan_context-pose.svg").exists()
 
 
@@ -266,7 +266,7 @@ def test_failures_are_drawn_from_a_studys_own_poses(built, tmp_path):
             str(tmp_path),
             "--worst",
             "2",
-            "--promise",
+            "--target-precision",
             "none",
         )
         assert f"{tmp_path}: " in out

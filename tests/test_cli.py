@@ -160,12 +160,12 @@ def test_use_splits_one_log_as_asked(project, capsys):
     use = ("use", "carmen", f"root={project / 'logs'}")
     main([*use])
     assert split(project) == ("drive+path1of2+30s", ["drive+path2of2+30s"])
-    main([*use, "parts=visits:60"])
+    main([*use, "split=visits:60"])
     assert split(project) == ("drive+first+60s", ["drive+later+60s"])
     main([*use, "train=drive+path1of4", "tests=drive+path3of4,drive+path4of4"])
     assert split(project) == ("drive+path1of4", ["drive+path3of4", "drive+path4of4"])
     refusals = {
-        "parts=halved": "expected path:2, time:3",
+        "split=halved": "expected path:2, time:3",
         "train=drive+path1of4 tests=drive": "holds what the training sequence",
     }
     for words, part in refusals.items():
@@ -187,16 +187,18 @@ def test_studies_do_not_change_while_dvc_works_on_them(project, capsys):
     main(["use", "town"])
 
 
-def test_level_sweeps_have_poses_as_driven_alone(project, capsys):
-    """Level sweeps are gathered along a path, and an altered query has none."""
+def test_level_sweeps_have_poses_unperturbed_alone(project, capsys):
+    """Level sweeps are gathered along a path, and a perturbed query has none."""
     carmen_log(project / "logs", name="drive.log")
     use = ("use", "carmen", f"root={project / 'logs'}", "poses=sci_ring")
     main([*use, "scale=indoor"])
     text = (project / "conf/studies.yaml").read_text()
     assert "    poses:\n    - sci_ring\n" in text
     assert "submap: flat_10m" in text
-    line = refused(capsys, *use, "question=robustness", "altered=turned")
-    assert "carmen: poses=sci_ring: level sweeps (submap flat_20m) are localised as driven" in line
+    line = refused(capsys, *use, "experiment=robustness", "perturbed=turned")
+    assert (
+        "carmen: poses=sci_ring: level sweeps (submap flat_20m) are localised unperturbed" in line
+    )
 
 
 def test_an_option_that_nothing_would_read_is_refused(project, capsys):
@@ -205,26 +207,29 @@ def test_an_option_that_nothing_would_read_is_refused(project, capsys):
     recorded = f"nclt root={project / 'data'}"
     split = f"carmen root={project / 'logs'}"
     for words, part in (
-        ("suburb question=viewpoints poses=sad", "suburb question=viewpoints has no option poses"),
-        ("suburb question=viewpoints cells=5m", "has no option cells"),
-        ("campus question=lifelong poses=sci", "campus question=lifelong has no option poses"),
-        ("campus question=lifelong latency=yes", "has no option latency"),
+        (
+            "suburb experiment=viewpoints poses=sad",
+            "suburb experiment=viewpoints has no option poses",
+        ),
+        ("suburb experiment=viewpoints cells=5m", "has no option cells"),
+        ("campus experiment=lifelong poses=sci", "campus experiment=lifelong has no option poses"),
+        ("campus experiment=lifelong latency=yes", "has no option latency"),
         ("campus methods=m2dp,scan_context seeds=3", "of m2dp,scan_context draws at random"),
         (f"{recorded} log=2012-01-15", "log=2012-01-15: nclt splits no log"),
         (
-            f"{split} parts=time:2 train=drive+path1of4 tests=drive+path3of4",
-            "parts=time:2: train= and tests= name the parts already",
+            f"{split} split=time:2 train=drive+path1of4 tests=drive+path3of4",
+            "split=time:2: train= and tests= name the parts already",
         ),
     ):
         assert part in refused(capsys, "use", *words.split())
-    main(["use", "suburb", "world=tiny", "question=viewpoints", "poses=", "cells=", "latency=no"])
-    main(["use", "campus", "question=lifelong"])
+    main(["use", "suburb", "world=tiny", "experiment=viewpoints", "poses=", "cells=", "latency=no"])
+    main(["use", "campus", "experiment=lifelong"])
     assert "poses" not in study(project)
 
 
 def test_use_kitti_for_viewpoints_trains_on_all_other_logs_that_are_there(project, capsys):
     kitti(project / "kitti", "00", "02", "08")
-    words = ["use", "kitti", f"root={project / 'kitti'}", "question=viewpoints"]
+    words = ["use", "kitti", f"root={project / 'kitti'}", "experiment=viewpoints"]
     main(words)
     assert split(project) == ("02 08", ["00"])
     assert {method["view"] for method in study(project)["methods"]} == {"birdview"}
@@ -235,16 +240,16 @@ def test_use_kitti_for_viewpoints_trains_on_all_other_logs_that_are_there(projec
 
 MISTAKES = {
     "use campus latency=perhaps": "latency=perhaps: expected yes or no",
-    "use suburb question=viewpoints methods=pfl,sci": "only methods that look at bird-views",
-    "use town question=viewpoints": "question=viewpoints: of town expected year",
-    "use suburb question=train": "expected year or robustness or viewpoints",
+    "use suburb experiment=viewpoints methods=pfl,sci": "only methods that look at bird-views",
+    "use town experiment=viewpoints": "experiment=viewpoints: of town expected year",
+    "use suburb experiment=train": "expected year or robustness or viewpoints",
     "use campus seeds=0": "expected a number from 1 to 100",
-    "use campus question=robustness methods=sci variants=engaged": "variants=engaged: expected some of 1way, 1way200, 24way, 4way, 4way200, 8way, 8way200, grey, text",
-    "use campus question=robustness cells=10m": "cells=10m: expected some of 20m, 2m, 5m",
+    "use campus experiment=robustness methods=sci variants=engaged": "variants=engaged: expected some of 1way, 1way200, 24way, 4way, 4way200, 8way, 8way200, grey, text",
+    "use campus experiment=robustness cells=10m": "cells=10m: expected some of 20m, 2m, 5m",
     "use campus variants=4way": "variants=4way: expected some of authors, engaged",
-    "use suburb question=viewpoints variants=4way": "variants=4way: expected some of 30m, eight_headings, logistic, one_heading, paper, per_metre, unforgetting, untrained",
-    "use campus altered=rain": "altered=rain: expected some of glance",
-    "use campus question=robustness variants=5way": "variants=5way: expected some of 1way, 1way200, 24way, 4way, 4way200, 8way, 8way200, authors, engaged, grey, text",
+    "use suburb experiment=viewpoints variants=4way": "variants=4way: expected some of 30m, eight_headings, logistic, one_heading, paper, per_metre, unforgetting, untrained",
+    "use campus perturbed=rain": "perturbed=rain: expected some of glance",
+    "use campus experiment=robustness variants=5way": "variants=5way: expected some of 1way, 1way200, 24way, 4way, 4way200, 8way, 8way200, authors, engaged, grey, text",
     "use moon": "expected one of bag, campus",
     "use nclt": "root=FOLDER",
     "use nclt root=/nowhere": "no such folder",
@@ -339,7 +344,7 @@ def test_a_sequence_that_cannot_be_read_is_named_with_its_reason(project, capsys
         (root / day / "scans/1.0.npy").touch()
     assert "mon: lacks poses.txt; tue: lacks poses.txt" in refused(capsys, *use)
     (root / "mon/poses.txt").touch()
-    says = "one more is needed, or parts=path:2 splits it, without train=; tue: lacks poses.txt"
+    says = "one more is needed, or split=path:2 splits it, without train=; tue: lacks poses.txt"
     assert says in refused(capsys, *use, "train=mon")
     (root / "tue/poses.txt").touch()
     assert "is the training sequence" in refused(capsys, *use, "train=mon", "tests=mon")
@@ -405,7 +410,7 @@ def test_results_of_a_study_that_was_changed_since_are_called_so(project, capsys
     main(["use", "campus", "methods=sci", "budget=full"])
     main(["results", "--csv"])
     assert capsys.readouterr().err == (
-        "campus: conf/studies.yaml changed after this was measured; `dvc repro` measures it anew\n"
+        "campus: conf/studies.yaml changed after this was measured; `dvc repro` measures it again\n"
     )
 
 
@@ -495,8 +500,8 @@ MISTYPED = {
     "yearloc results | --csv --where": "Option '--where' requires an argument",
     "yearloc localize | a b --threads 1.5": "--threads 1.5: expected a valid integer, unable to parse string as an integer",
     "yearloc localize | a b --lift x\x1b[m": "--lift x?[m: expected a valid number, unable to parse string as a number",
-    "yearloc grow | a b --promise [red]x": "--promise [red]x: expected a valid number, unable to parse string as a number",
-    "yearloc watch | a b --promise x": "--promise x: expected a share or the word none",
+    "yearloc update | a b --target-precision [red]x": "--target-precision [red]x: expected a valid number, unable to parse string as a number",
+    "yearloc watch | a b --target-precision x": "--target-precision x: expected a share or the word none",
     "yearloc inspect | a --format pcd": "--format pcd: expected one of 'nclt', 'kitti'",
     "yearloc localize | a b --json --csv": "--csv: not together with --json",
     "yearloc localize | a b --lift 0 --body-T-lidar 0": "--body-T-lidar: not together with --lift",

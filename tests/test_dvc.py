@@ -51,8 +51,8 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     clone.run(
         "yearloc", "use", "campus", "world=tiny", "poses=slam,sci_ring", "paths=filter,graph_all"
     )
-    clone.run("yearloc", "use", "town", "world=tiny", "question=robustness", "--add")
-    clone.run("yearloc", "use", "suburb", "world=tiny", "question=viewpoints", "--add")
+    clone.run("yearloc", "use", "town", "world=tiny", "experiment=robustness", "--add")
+    clone.run("yearloc", "use", "suburb", "world=tiny", "experiment=viewpoints", "--add")
     return clone.folder
 
 

@@ -33,7 +33,7 @@ LOCKS = (
 
 STUDY = (
     *("yearloc", "use", "campus", "world=tiny", "methods=sci,scan_context"),
-    *("variants=", "altered=", "latency=no"),
+    *("variants=", "perturbed=", "latency=no"),
 )
 KILLED = ("artifacts/logs/campus/.2012-06-15.*.scratch", ".checkpoints/*.safetensors")
 """Where these appear a run is killed: once in the simulation, once in training."""
@@ -86,7 +86,7 @@ def shown(clone: Clone, *command: str) -> dict[str, dict[str, dict[str, float]]]
 
 
 def test_killed_runs_end_bit_for_bit_as_undisturbed_ones(clone: Clone, built: Clone) -> None:
-    """What is asked and told of it differs: the other study has altered queries too."""
+    """What is asked and reported of it differs: the other study has perturbed queries too."""
     kinds = ("logs", "scans", "submaps", "views", "labels", "train")
     digests = {
         path: digest

@@ -72,12 +72,12 @@ def test_a_damaged_artifact_is_refused_or_as_it_was(
 
 
 COMMANDS = """
-use campus world=tiny methods=sci,m2dp tests=2012-10-28 question=robustness variants=4way --add
-use campus cells=5m altered=turned methods=sci_ring poses=sci_ring paths=filter seeds=2 budget=tiny question=robustness
-use campus world=tiny question=lifelong --keep
+use campus world=tiny methods=sci,m2dp tests=2012-10-28 experiment=robustness variants=4way --add
+use campus cells=5m perturbed=turned methods=sci_ring poses=sci_ring paths=filter seeds=2 budget=tiny experiment=robustness
+use campus world=tiny experiment=lifelong --keep
 use folder root=logs train=a tests=b scale=indoor
-use folder root=logs parts=path:2 log=a
-use suburb question=viewpoints methods=pfl
+use folder root=logs split=path:2 log=a
+use suburb experiment=viewpoints methods=pfl
 use kitti root=logs log=00 train=02
 fetch nclt 2012-01-15 root=there base=http://127.0.0.1:9/
 inspect conf/studies.yaml --format nclt --save conf/dataset/robot.yaml
@@ -87,14 +87,14 @@ repro
 methods
 repair
 pack campus/10m/sci_ring -o a.site
-localize a.site scan.npy --json -o fixes --promise 0.99 --lift 0 --topic /points --odometry tf:a>b --track --threads 1
+localize a.site scan.npy --json -o fixes --target-precision 0.99 --lift 0 --topic /points --odometry tf:a>b --track --threads 1
 localize a.site a.mcap --follow --idle 1
 export a.site -o a.onnx
 serve a.site --port 8765 --host 127.0.0.1 --workers 1 --zenoh tcp/127.0.0.1:7447 --key yearloc
-watch a.site scan.npy --save a.rrd --promise 0.99 --every 1
-failures campus/10m/sci_ring 2012-02-04 --worst 20 -o failures --promise 0.99
+watch a.site scan.npy --save a.rrd --target-precision 0.99 --every 1
+failures campus/10m/sci_ring 2012-02-04 --worst 20 -o failures --target-precision 0.99
 picture campus/10m/sci_ring 2012-02-04 -o a.gif
-grow a.site scan.npy -o b.site --poses log --promise 0.99 --topic /points --odometry tf:a>b
+grow a.site scan.npy -o b.site --poses log --target-precision 0.99 --topic /points --odometry tf:a>b
 """
 VALUES = """
 -1 0 1e999 nan true null ~ [1] {} {0} %s é ⛄ 0x10 -o , = - -- ' " $(id) `id` http:// http://[ http://127.0.0.1:9/%

@@ -1,4 +1,5 @@
-"""Compiled kernels are kept where a folder can be written; the user is told of a slow first start."""
+"""Compiled kernels are kept where a folder can be written; the user is reported of a slow first
+start."""
 
 import importlib.util
 import os
@@ -53,7 +54,7 @@ def test_without_a_home_kernels_are_kept_in_a_temporary_folder_of_this_user(tmp_
     assert run(tmp_path) == "nowhere"
 
 
-def test_a_cold_start_is_told(
+def test_a_cold_start_is_reported(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(tell_cold.__globals__, "cold", lambda kernel: True)
@@ -114,9 +115,9 @@ def test_what_is_compiled_beforehand_is_all_that_a_first_scan_takes(tmp_path: Pa
         )
         return ended.stdout, {str(path) for path in (tmp_path / "kernels").rglob("*.nbc")}
 
-    told, compiled = run("kernels")
-    assert told.startswith("compiled in ")
+    reported, compiled = run("kernels")
+    assert reported.startswith("compiled in ")
     assert compiled
-    told, after = run("localize", str(site), str(tmp_path / "scan.npy"))
-    assert "accepted" in told
+    reported, after = run("localize", str(site), str(tmp_path / "scan.npy"))
+    assert "accepted" in reported
     assert after == compiled

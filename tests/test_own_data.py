@@ -11,7 +11,7 @@ from pipeline.core.progress import Progress
 from tests.clone import ROOT, Clone
 from worlds.simulation import Simulation
 
-FEW = ["methods=scan_context", "variants=", "altered=", "latency=no"]
+FEW = ["methods=scan_context", "variants=", "perturbed=", "latency=no"]
 DAYS = {"2012-01-15": "monday", "2012-06-15": "tuesday"}
 
 

@@ -13,5 +13,5 @@ def test_a_log_gets_a_line_now_and_then_and_none_of_work_that_is_soon_over(
     soon for another, and at the end none is needed."""
     clock = iter([0.0, 4.0, 8.0, 12.0, 16.0])
     monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
-    assert list(Bar().track("abcd", 4, "held-out blocks")) == [*"abcd"]
-    assert capsys.readouterr().err == "  held-out blocks: 2 of 4, about 8 s left\n"
+    assert list(Bar().track("abcd", 4, "validation blocks")) == [*"abcd"]
+    assert capsys.readouterr().err == "  validation blocks: 2 of 4, about 8 s left\n"

@@ -190,10 +190,10 @@ def test_a_data_set_is_one_yaml_that_its_reader_takes(path):
     assert hasattr(locate(reader.pop("_target_"))(**reader), "sequences")
     study = conf["study"]
     optional = {
-        "parts",
+        "split",
         "poses",
         "views",
-        "altered",
+        "perturbed",
         "variants",
         "viewpoints",
         "robustness",
@@ -315,8 +315,9 @@ def test_every_method_learns_and_localises(name, seed, clears):
     "name",
     [name for name in METHODS if "precision" in (ROOT / f"conf/method/{name}.yaml").read_text()],
 )
-def test_in_bfloat16_a_network_learns_finite_numbers_and_more_than_chance(name, seed, clears):
-    """Processors differ in how they sum it, so it is asked for no more: chance is one in six."""
+def test_in_bfloat16_a_network_learns_finite_numbers_and_more_than_probability(name, seed, clears):
+    """Processors differ in how they sum it, so it is asked for no more: probability is one in
+    six."""
     model, ranking = learned_and_asked(name, seed, precision="bf16", threads=1)
     assert all(
         np.isfinite(array).all()

@@ -159,7 +159,7 @@ def large(settings: Settings) -> str:
     ("which", "code", "said"),
     [
         ("main", 1, "cannot be written (.*)"),
-        ("write", 1, "file too large; mend that and run it again"),
+        ("write", 1, "file too large; fix that and run it again"),
         ("stopped", 130, "interrupted"),
         ("large", 1, "not enough memory: fewer workers or a smaller view need less"),
     ],

@@ -1,4 +1,5 @@
-"""A sweep of two cell sizes: its jobs reuse what DVC and other jobs built, and change nothing else."""
+"""A sweep of two cell sizes: its jobs reuse what DVC and other jobs built, and change nothing
+else."""
 
 import pandas as pd
 import pytest

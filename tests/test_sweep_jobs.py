@@ -1,4 +1,5 @@
-"""Which artifacts a job of a sweep builds, how jobs run in parallel, and which settings are refused."""
+"""Which artifacts a job of a sweep builds, how jobs run in parallel, and which settings are
+refused."""
 
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
@@ -17,7 +18,7 @@ def test_a_views_field_builds_its_own_views_and_nothing_before_them(built: Clone
 
 
 def test_a_stages_field_costs_that_stage_and_what_follows(built: Clone) -> None:
-    assert Swept(built, "localize.rejection.wanted_precision=0.5").built == {"localize", "evaluate"}
+    assert Swept(built, "localize.rejection.target_precision=0.5").built == {"localize", "evaluate"}
     assert Swept(built, "tolerance.bootstrap.resamples=50").built == {"evaluate"}
 
 
@@ -76,7 +77,7 @@ def test_slurms_preset_composes_and_submitit_runs_here(built: Clone) -> None:
 
 
 @pytest.mark.slow
-def test_optuna_looks_for_the_highest_auc_on_held_out_blocks(built: Clone) -> None:
+def test_optuna_looks_for_the_highest_auc_on_validation_blocks(built: Clone) -> None:
     swept = Swept(
         built,
         "hydra/sweeper=bayes",
@@ -85,7 +86,7 @@ def test_optuna_looks_for_the_highest_auc_on_held_out_blocks(built: Clone) -> No
     )
     assert swept.code == 0
     assert len({job["overrides"]["localize.rejection.unseen_share"] for job in swept.jobs}) == 3
-    best = max(value for job in range(3) for value in swept.value(job, "held_out_auc"))
+    best = max(value for job in range(3) for value in swept.value(job, "validation_auc"))
     assert f"best_value: {best}" in (swept.folder / "optimization_results.yaml").read_text()
 
 

@@ -37,7 +37,7 @@ class Stream(IntEnum):
     OUTAGES = 14
     LOOPS = 15
     FURTHER_EVENTS = 16
-    TRUTH = 17
+    GROUND_TRUTH = 17
     LINING = 18
     CLUTTER = 19
 

@@ -1,7 +1,8 @@
 """The simulated world: a yaml of conf/world in, the raw logs of its sequences out.
 
 A world is a place, a year in which it changes, and a robot that drives through it on some days.
-Logs are written in a real data set's format, with the truth beside them. To record a sequence:
+Logs are written in a real data set's format, with the ground truth beside them. To record a
+sequence:
 
 1. Plan the streets and the route.
 2. Build the campus, and simulate the events of its year.
@@ -23,7 +24,7 @@ from pipeline.core.progress import Progress
 from pipeline.core.settings import Count, NotNegative, Positive, Share, checked
 from pipeline.formats.changes import Change
 from worlds.driving.day import TWIGS_PER_M, simulate_day
-from worlds.driving.drive import drive, survey
+from worlds.driving.drive import drive, reference_poses
 from worlds.driving.entry import Entry
 from worlds.driving.recorder import Recorder, Recording
 from worlds.driving.robots import ROBOTS, Robot
@@ -36,7 +37,7 @@ from worlds.layout.routes import Routes, loop_routes, training_routes
 from worlds.names import kitti_log
 from worlds.seeds import Stream, generator
 from worlds.writers import BAGS, Format, origin_m, writer
-from worlds.writers.writer import TruthWriter
+from worlds.writers.writer import GroundTruthWriter
 
 BLOCK_RAYS = 400_000
 """Approximate number of rays in a block of scans, which one worker casts at once."""
@@ -86,9 +87,9 @@ class Simulation:
     turn_s: NotNegative = 0.0
     """How long the scanner takes for a turn, during which the robot drives on; bags say when each
     point was measured. With 0 a scan is taken at one moment."""
-    truth_sd_m: NotNegative = 0.0
-    """Standard deviation of the written truth, which wanders about the driven path like a SLAM
-    solution; with 0 it is exact."""
+    ground_truth_sd_m: NotNegative = 0.0
+    """Standard deviation of the written ground truth, which wanders about the driven path like a
+    SLAM solution; with 0 it is exact."""
 
     def __post_init__(self) -> None:
         if self.logs not in self._robot.logs:
@@ -140,18 +141,18 @@ class Simulation:
         folder: Path,
         compute: Compute,
         watch: Progress,
-        truth: Path | None = None,
+        ground_truth: Path | None = None,
     ) -> Recording:
         """Drive `sequence` and write its logs into `folder`.
 
-        Labels that no robot could record go into the folder `truth`/sequence, if wanted. The bytes
-        depend only on the parameters of the world, the training entry, and the name and entry of
-        the sequence. Raises ConfigError for a sequence without an entry, or a route file that
+        Labels that no robot could record go into the folder `ground_truth`/sequence, if wanted. The
+        bytes depend only on the parameters of the world, the training entry, and the name and entry
+        of the sequence. Raises ConfigError for a sequence without an entry, or a route file that
         cannot be driven.
         """
         # 1. Build the world and drive through it.
-        truth_folder = truth / sequence if truth else None
-        recorder, plan = self._recorder(self._entry_name(sequence), truth_folder)
+        ground_truth_folder = ground_truth / sequence if ground_truth else None
+        recorder, plan = self._recorder(self._entry_name(sequence), ground_truth_folder)
         scans = len(recorder.drive.scan_rows)
         points = 0
         block_scans = max(1, BLOCK_RAYS // len(recorder.lidar.directions))
@@ -159,8 +160,10 @@ class Simulation:
         with closing(writer(self.logs, folder, sequence, recorder.lidar)) as logs:
             # 2. Write the poses.
             generators = partial(generator, recorder.seed, when=recorder.when)
-            surveyed = survey(recorder.drive, generators(Stream.TRUTH), self.truth_sd_m)
-            logs.write_truth(recorder.drive, surveyed, generators)
+            reference = reference_poses(
+                recorder.drive, generators(Stream.GROUND_TRUTH), self.ground_truth_sd_m
+            )
+            logs.write_ground_truth(recorder.drive, reference, generators)
 
             # 3. Take the scans in blocks. Workers write them, unless they must be in order.
             worker = recorder if logs.in_order else replace(recorder, logs=logs)
@@ -186,8 +189,8 @@ class Simulation:
     def changes(self, train: str, sequence: str) -> list[Change]:
         """List the changes that are visible on the day of `sequence` but not on the training day.
 
-        Their positions are in the frame of the truth. A scanner car has none, since all its logs
-        are of one day. Raises ConfigError if `train` is not the training sequence, or for an
+        Their positions are in the frame of the ground truth. A scanner car has none, since all its
+        logs are of one day. Raises ConfigError if `train` is not the training sequence, or for an
         unknown sequence.
         """
         if self._robot.loops:
@@ -256,7 +259,7 @@ class Simulation:
             further_near=entry.near_route,
         )
 
-    def _recorder(self, name: str, truth: Path | None) -> tuple[Recorder, Plan]:
+    def _recorder(self, name: str, ground_truth: Path | None) -> tuple[Recorder, Plan]:
         """Build the world and the drive of the sequence with the entry `name`."""
         routes, plan = self.plan_of(name)
         entry = Entry.of(name, self.sequences[name])
@@ -276,14 +279,14 @@ class Simulation:
             lateral_m=entry.lateral_m,
             rocks_smoothly=self.turn_s > 0,
         )
-        truth_writer = TruthWriter(truth) if truth else None
-        if truth_writer:
+        ground_truth_writer = GroundTruthWriter(ground_truth) if ground_truth else None
+        if ground_truth_writer:
             shares = {
                 "unseen": plan.unseen,
                 "reversed": plan.reversed,
                 "coverage": plan.coverage,
             }
-            truth_writer.write_year(day, events, shares)
+            ground_truth_writer.write_year(day, events, shares)
         today = simulate_day(seed, campus, when, day, self.relief_m, self.twigs_per_m)
         lidar = replace(robot.lidar(self.azimuths), turn_s=self.turn_s)
         recorder = Recorder(
@@ -293,6 +296,6 @@ class Simulation:
             drive=driven,
             keep_off_m=robot.motion.keep_off_m,
             lidar=lidar,
-            truth=truth_writer,
+            ground_truth=ground_truth_writer,
         )
         return recorder, plan

@@ -1,4 +1,4 @@
-"""The public front: asks a packed site where a scan was taken, and whether to believe that.
+"""The public front: asks a packed site where a scan was taken, and whether to accept that.
 
     from yearloc import Site
 

@@ -86,7 +86,7 @@ PFL, AFL, SAD = (
 )
 PFL_ROC, AFL_ROC, SAD_ROC = (replace(side, number="roc_auc") for side in (PFL, AFL, SAD))
 PFL_ERROR, AFL_ERROR = (
-    replace(side, number="held_out_error", protocol="", of="", at=0.0) for side in (PFL, AFL)
+    replace(side, number="validation_error", protocol="", of="", at=0.0) for side in (PFL, AFL)
 )
 BLACK_IMAGE = replace(PFL_ERROR, number=BLACK_ERROR)
 SCI_MS, M2DP_MS, POINTNETVLAD_MS, SCAN_CONTEXT_MS, PFL_MS = (
@@ -106,7 +106,7 @@ def with_number(number: str, *sides: Side) -> tuple[Side, ...]:
 
 
 def four_way_claims(four: Side, eight: Side, single: Side, suffix: str) -> tuple[Claim, ...]:
-    """Four headings in training against eight on turned queries, and against one as driven.
+    """Four headings in training against eight on turned queries, and against one unperturbed.
 
     `suffix` is the end of the claims' names.
     """

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.evaluation.paired import KEPT
+from pipeline.evaluation.paired import AUC_SHARE_KEPT
 from pipeline.evaluation.rows import HEADING, NOVELTY, PERTURBED, UNPERTURBED
 from pipeline.report.comparison import ONE_SEED, Kind
 from pipeline.studies.models import ModelName
@@ -208,13 +208,13 @@ def is_ahead(
 def keeps_less(perturbed: Side, unperturbed: Side, least: float = KEPT_WHOLE) -> Measure:
     """Claims that a model keeps less than the share `least` of its area on perturbed queries.
 
-    It is judged by the share that was computed on the same resamples of the queries (KEPT); if the
-    table has none, by the intervals of the two areas.
+    It is judged by the share that was computed on the same resamples of the queries
+    (AUC_SHARE_KEPT); if the table has none, by the intervals of the two areas.
     """
 
     def measure(tables: Tables) -> Outcome:
         outcome = is_ahead(perturbed, unperturbed, factor=least, sign=-1)(tables)
-        kept = tables.numbers(replace(perturbed, number=KEPT))
+        kept = tables.numbers(replace(perturbed, number=AUC_SHARE_KEPT))
         if outcome.reason == "missing" or kept.empty:
             return outcome
         value, low, high = _mean(kept)
@@ -260,7 +260,7 @@ def at_every_heading(
         noise = ONE_SEED if other is not None and seeds == 1 else 0.0
         verdict, reason = _everywhere(differences, noise)
         if verdict != UNDECIDED and other is not None and other.is_trained and seeds < FEWEST_SEEDS:
-            # All headings of a training are shifted alike, so they are no independent evidence.
+            # All headings of a training are shifted similar, so they are no independent evidence.
             verdict, reason = UNDECIDED, "one_training"
         estimates = [_from_to(numbers["value"]) for numbers in numbers_of_sides]
         shown = tuple(zip(sides, estimates, strict=True))

@@ -28,14 +28,14 @@ DIGITS = 6
 NAMES = ("nway", "street", "compare", "real")
 """The tables that findings read (see `claims`)."""
 STUDY_KEYS = (
-    "question",
+    "experiment",
     "world",
     "root",
     "train",
     "tests",
     "budget",
     "methods",
-    "altered",
+    "perturbed",
     "cells",
 )
 """The settings of each study that the yaml has."""
@@ -93,7 +93,7 @@ def _read_table(path: Path) -> pd.DataFrame:
     except (ValueError, KeyError) as error:
         raise ArtifactError(
             f"{path}: not a kept table of results ({str(error).strip()}); `yearloc results "
-            f"--keep {path.stem}` writes it anew"
+            f"--keep {path.stem}` rewrites it"
         ) from None
 
 

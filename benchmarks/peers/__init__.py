@@ -121,20 +121,20 @@ def searching(folder: Path, scratch: Path) -> Iterator[str]:
             ),
         },
     )
-    told = {
+    reported = {
         "ours50": "our 50",
         "theirs50": "their 50",
         "fast50": "their 50 at a tenth of the shifts",
         "theirs": "their 10",
     }
-    truth = np.fromfile(scratch / "ours", "<f4").reshape(queries, 2)[:, 0]
-    found = [(name, scratch / name) for name in told if (scratch / name).exists()]
+    ground_truth = np.fromfile(scratch / "ours", "<f4").reshape(queries, 2)[:, 0]
+    found = [(name, scratch / name) for name in reported if (scratch / name).exists()]
     right = {
-        name: int((np.fromfile(path, "<f4").reshape(queries, 2)[:, 0] == truth).sum())
+        name: int((np.fromfile(path, "<f4").reshape(queries, 2)[:, 0] == ground_truth).sum())
         for name, path in found
     }
     yield "  the nearest of all is found " + ", ".join(
-        f"{n} times of {queries} by {told[name]}" for name, n in right.items()
+        f"{n} times of {queries} by {reported[name]}" for name, n in right.items()
     )
 
 

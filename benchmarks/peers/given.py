@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.frames import moved
+from pipeline.core.frames import transformed
 from pipeline.matching.patches import differences
 from pipeline.matching.ranking import Model
 from pipeline.matching.sequence import cheapest, contrast, runs, search
@@ -63,7 +63,7 @@ def drive(path: Path, origins: Path) -> tuple[str, int]:
     name, scans = _drive()
     scans = scans[:MAPPED_SCANS]
     points = min(len(cloud) for cloud, _ in scans)
-    world = [moved(pose, cloud[:points].astype(np.float64)) for cloud, pose in scans]
+    world = [transformed(pose, cloud[:points].astype(np.float64)) for cloud, pose in scans]
     sensors = [pose[:3, 3] + pose[:3, :3] @ (0.0, 0.0, SENSOR_M) for _, pose in scans]
     np.stack(world).astype("<f4").tofile(path)
     np.stack(sensors).astype("<f4").tofile(origins)

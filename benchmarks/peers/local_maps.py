@@ -2,7 +2,7 @@
 one core.
 
 `python local_maps.py TRAIN TEST REACH_M OUT`: TRAIN and TEST are npz files of scans: points (n, 3),
-offsets (scan + 1,), laid_T_scan (scan, 4, 4), and TEST's asked (query,), rows of scans. OUT is an
+offsets (scan + 1,), placed_T_scan (scan, 4, 4), and TEST's asked (query,), rows of scans. OUT is an
 npz of two sets of answers: `own_` of the test day's local maps as its authors' program cuts them,
 `asked_` of one at each row asked, of what was driven through last.
 """
@@ -39,13 +39,13 @@ class Day:
         given = np.load(path)
         self.points = given["points"]
         self.offsets = given["offsets"]
-        self.laid_T_scan = given["laid_T_scan"]
+        self.placed_T_scan = given["placed_T_scan"]
         self.asked = given["asked"]
 
     def lay(self, grown: Any, frame: int, row: int) -> float:
         """Put a scan into a map that has another scan's frame; how far it is from that in
         metres."""
-        frame_T_scan = np.linalg.inv(self.laid_T_scan[frame]) @ self.laid_T_scan[row]
+        frame_T_scan = np.linalg.inv(self.placed_T_scan[frame]) @ self.placed_T_scan[row]
         grown.integrate_frame(self.points[self.offsets[row] : self.offsets[row + 1]], frame_T_scan)
         return float(np.linalg.norm(frame_T_scan[:3, 3]))
 
@@ -54,11 +54,11 @@ class Day:
         is part of the next."""
         grown = VoxelMap(config.density_map_resolution, reach_m)
         start = 0
-        last = len(self.laid_T_scan) - 1
+        last = len(self.placed_T_scan) - 1
         for row in range(last + 1):
             if self.lay(grown, start, row) > reach_m or row == last:
                 yield start, start, row + 1, grown.point_cloud()
-                start_T_end = np.linalg.inv(self.laid_T_scan[start]) @ self.laid_T_scan[row]
+                start_T_end = np.linalg.inv(self.placed_T_scan[start]) @ self.placed_T_scan[row]
                 grown.remove_far_away_points(start_T_end[:3, 3])
                 kept = grown.point_cloud()
                 grown.clear()

@@ -8,9 +8,9 @@ stamp of the cloud.
 Of a level site it takes LaserScan instead, and publishes /initialpose too, which AMCL starts from:
 once the robot has been found, and each time that it is found again after it was lost.
 
-Parameters: promise (.99), lift_m (0: raises the points so that the ground is at 0) or body_T_lidar
-(x,y,z,roll,pitch,yaw in m and degrees, from the body that the odometry is of), frame (map),
-odometry (a topic of Odometry; none is constant motion, of a level site each sweep alone), tf
+Parameters: target_precision (.99), lift_m (0: raises the points so that the ground is at 0) or
+body_T_lidar (x,y,z,roll,pitch,yaw in m and degrees, from the body that the odometry is of), frame
+(map), odometry (a topic of Odometry; none is constant motion, of a level site each sweep alone), tf
 (false: whether to broadcast frame to the odometry's frame). Of the clouds that arrive while one is
 localised the newest is next, the others are dropped.
 """
@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core.frames import moved
+from pipeline.core.frames import transformed
 from pipeline.formats.bag import ODOMETRY
 from pipeline.formats.messages import pose_numbers, poses, sweep_points
 from pipeline.formats.pointcloud2 import decode
@@ -58,9 +58,13 @@ class Localizer:
     nothing."""
 
     def __init__(
-        self, site: Site, promise: float = 0.99, lift_m: float = 0.0, body_T_lidar: str = ""
+        self,
+        site: Site,
+        target_precision: float = 0.99,
+        lift_m: float = 0.0,
+        body_T_lidar: str = "",
     ) -> None:
-        self._tracker = Tracker(site, promise)
+        self._tracker = Tracker(site, target_precision)
         self._points = sweep_points if site.is_level else decode
         self._odometry = Newest()
         self._body_T_lidar = (
@@ -82,7 +86,7 @@ class Localizer:
             else None
         )
         was_lost = self._tracker.is_lost
-        points_m = moved(self._body_T_lidar, self._points(cloud))
+        points_m = transformed(self._body_T_lidar, self._points(cloud))
         fix = self._tracker.localize(points_m, step, time_ns or None)
         self._before = odom_T_body
         if fix.verdict != "accepted":
@@ -118,19 +122,19 @@ def main() -> None:
     node = Node("yearloc")
     odom_frame = ""
     usual = {
-        "promise": 0.99,
+        "target_precision": 0.99,
         "lift_m": 0.0,
         "body_T_lidar": "",
         "frame": "map",
         "odometry": "",
         "tf": False,
     }
-    promise, lift_m, body_T_lidar, frame, odometry, tf = (
+    target_precision, lift_m, body_T_lidar, frame, odometry, tf = (
         node.declare_parameter(name, usual[name]).value for name in usual
     )
     try:
         site = Site.open(remove_ros_args(sys.argv)[1])
-        localizer = Localizer(site, promise, lift_m, body_T_lidar)
+        localizer = Localizer(site, target_precision, lift_m, body_T_lidar)
     except YearlocError as error:
         sys.exit(f"yearloc: {error}")
     publisher = node.create_publisher(PoseWithCovarianceStamped, "fix", 10)

@@ -17,7 +17,6 @@ from typer.main import get_command
 from pipeline.cli.data import fetch, inspect
 from pipeline.cli.example import example
 from pipeline.cli.failures import failures
-from pipeline.cli.grow import grow
 from pipeline.cli.kernels import kernels
 from pipeline.cli.localize import localize
 from pipeline.cli.picture import picture
@@ -28,6 +27,7 @@ from pipeline.cli.serve import serve
 from pipeline.cli.site import export, pack
 from pipeline.cli.slam import slam
 from pipeline.cli.studies import methods, use
+from pipeline.cli.update import update
 from pipeline.cli.watch import watch
 from pipeline.core.errors import YearlocError, machine_refusal
 from pipeline.running.process import end_when_asked, keep_freed_memory
@@ -58,7 +58,7 @@ GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "get data": (fetch, inspect, slam),
     "build": (use, repro, repair),
     "look": (results, methods, picture, failures),
-    "deploy": (pack, localize, watch, serve, grow, export, kernels),
+    "deploy": (pack, localize, watch, serve, update, export, kernels),
 }
 """The commands, in the order and under the headings of `yearloc --help`."""
 COMPLETION = "_YEARLOC_COMPLETE"

@@ -92,8 +92,8 @@ def _save_proposal(bags: Path, save: Path) -> None:
     from pipeline.inspection.bags import proposal
 
     write_text(save, proposal([bags]))
-    has_truth = read_yaml(save)["reader"]["truth"] is not None
-    further_words = "" if has_truth else " train=DRIVE poses=slam"
+    has_ground_truth = read_yaml(save)["reader"]["ground_truth"] is not None
+    further_words = "" if has_ground_truth else " train=DRIVE poses=slam"
     print(
         f"\n{save}: written; next: yearloc use {save.stem} root=FOLDER{further_words}, where the "
         "bags of all days are"

@@ -14,14 +14,14 @@ if TYPE_CHECKING:  # at run time these would slow the start of every command
     from pipeline.online.site import Fix, Word
 
 MEANING: dict["Word", str] = {
-    "accepted": "right with the promised precision of {promise:g}",
-    "near": "the pose is not believed, but that it is at most 15 m off is",
+    "accepted": "right with the target precision of {target_precision:g}",
+    "near": "the pose is not accepted, but that it is at most 15 m off is",
     "ambiguous": "it has this pose or that of a runner-up",
-    "rejected": "nothing is believed; it may be from elsewhere",
+    "rejected": "nothing is accepted; it may be from elsewhere",
     "no pose": "too few points, or nothing fits",
 }
 """What each verdict on a fix means, in words."""
-PROMISE = 0.99
+TARGET_PRECISION = 0.99
 """The wanted share of right poses among those that are accepted."""
 
 
@@ -41,7 +41,7 @@ def example() -> None:
     )
     tell_cold()
     for scan in scans():
-        fix = site.localize(scan.points_m(), PROMISE)
+        fix = site.localize(scan.points_m(), TARGET_PRECISION)
         print("", *lines(scan, fix), sep="\n", flush=True)
 
 
@@ -49,15 +49,23 @@ def lines(scan: "ExampleScan", fix: "Fix") -> list[str]:
     """A heading, and a row for each part of a site's answer: how sure it is, and how far off."""
     from pipeline.core.frames import distance_and_turn
 
-    rows = [("verdict", f"{fix.verdict}: {MEANING[fix.verdict].format(promise=PROMISE)}")]
+    rows = [
+        (
+            "verdict",
+            f"{fix.verdict}: {MEANING[fix.verdict].format(target_precision=TARGET_PRECISION)}",
+        )
+    ]
     if fix.verdict != "no pose":
         off_m, off_deg = distance_and_turn(fix.world_T_sensor, scan.world_T_scan)
-        chance = f"chance {1 - fix.novelty:.3f}, {off_m:.2f} m and {off_deg:.1f}° off"
-        rows.append(("pose", f"{_pose_text(fix.world_T_sensor)}; {chance}"))
+        probability = f"probability {1 - fix.novelty:.3f}, {off_m:.2f} m and {off_deg:.1f}° off"
+        rows.append(("pose", f"{_pose_text(fix.world_T_sensor)}; {probability}"))
     if fix.runners_up:
         second, *_ = fix.runners_up
         rows.append(
-            ("runner-up", f"{_pose_text(second.world_T_sensor)}; chance {second.chance:.3f}")
+            (
+                "runner-up",
+                f"{_pose_text(second.world_T_sensor)}; probability {second.probability:.3f}",
+            )
         )
     heading = f"{scan.path.name}, {scan.day}: {scan.about}"
     return [heading, *(f"  {name:<10} {text}" for name, text in rows)]

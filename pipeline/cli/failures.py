@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.cli.kernels import tell_cold
-from pipeline.cli.options import BodyTLidar, Promise
+from pipeline.cli.options import BodyTLidar, TargetPrecision
 from pipeline.cli.outputs import check_folder
 from pipeline.cli.project import named_model
 from pipeline.cli.scan_options import scan_options
@@ -50,8 +50,8 @@ class JudgedFixes:
     fixes: "list[JudgedFix]"
     targets: "Targets"
     """The submaps of the map."""
-    promise_text: str
-    """The precision that the verdicts promise, in words, for the heading of each picture."""
+    precision_text: str
+    """The target precision of the verdicts, in words, for the heading of each picture."""
     simulated: bool
 
 
@@ -61,7 +61,7 @@ def failures(
     body_T_lidar: BodyTLidar = None,
     worst: Worst = 20,
     out: Out = Path("failures"),
-    promise: Promise = 0.99,
+    target_precision: TargetPrecision = 0.99,
 ) -> None:
     """A picture of each fix that the verdict got wrong."""
     from pipeline.evaluation.failures import failures as failed
@@ -69,12 +69,14 @@ def failures(
 
     check_folder(out)
     if of.count("/") == 2 and not Path(of).exists():
-        judged = _judged_of_study(of, log, promise)
+        judged = _judged_of_study(of, log, target_precision)
     else:
-        judged = _judged_of_site(of, log, body_T_lidar, promise)
+        judged = _judged_of_site(of, log, body_T_lidar, target_precision)
     misjudged_fixes = failed(judged.fixes)
     out.mkdir(parents=True, exist_ok=True)
-    heading_end = f"{judged.promise_text}, simulated" if judged.simulated else judged.promise_text
+    heading_end = (
+        f"{judged.precision_text}, simulated" if judged.simulated else judged.precision_text
+    )
     for number, fix in enumerate(misjudged_fixes[:worst], start=1):
         draw(judged.targets, fix, out / f"{number:03d}_{fix.file_name}", heading_end)
     n_accepted_wrong = sum(fix.accepted for fix in misjudged_fixes)
@@ -86,7 +88,7 @@ def failures(
 
 
 def _judged_of_site(
-    name: str, log: str | None, body_T_lidar: str | None, promise: float | None
+    name: str, log: str | None, body_T_lidar: str | None, target_precision: float | None
 ) -> JudgedFixes:
     """Localise those scans of a log that have a true pose, by a site file."""
     import numpy as np
@@ -95,7 +97,7 @@ def _judged_of_site(
     from pipeline.online.site import Site
 
     site = Site.open(Path(name), level=False)
-    site.check(promise)
+    site.check(target_precision)
     tell_cold()
     options = scan_options(site, body_T_lidar=body_T_lidar)
     if log is None:
@@ -108,17 +110,21 @@ def _judged_of_site(
             f"{log}: no scan with a true pose: a log that the reader of this site's data set "
             "opens has them"
         )
-    fixes = [site.localize(scan.points(), promise) for scan in scans]
-    promise_text = "nothing was promised"
-    if promise is not None:
-        pose_limit, *_ = site.promises[promise]  # the doubt from which a pose is rejected
-        promise_text = f"rejected from {pose_limit:.3f} on (promise {promise:g})"
+    fixes = [site.localize(scan.points(), target_precision) for scan in scans]
+    precision_text = "no pose is accepted"
+    if target_precision is not None:
+        pose_threshold, *_ = site.target_precisions[
+            target_precision
+        ]  # the error probability from which a pose is rejected
+        precision_text = (
+            f"rejected from {pose_threshold:.3f} on (target precision {target_precision:g})"
+        )
     return JudgedFixes(
-        list(of_log(scans, fixes)), site.targets, promise_text, site.description.simulated
+        list(of_log(scans, fixes)), site.targets, precision_text, site.description.simulated
     )
 
 
-def _judged_of_study(name: str, day: str | None, promise: float | None) -> JudgedFixes:
+def _judged_of_study(name: str, day: str | None, target_precision: float | None) -> JudgedFixes:
     """Read the fixes of STUDY/GRID/METHOD on one test day, or on all."""
     from pipeline.core import store
     from pipeline.core.schemas import Fixes
@@ -129,20 +135,24 @@ def _judged_of_study(name: str, day: str | None, promise: float | None) -> Judge
 
     study, grid, method = named_model(name)
     model = _posed_model(study, method, name)
-    if day not in (None, *study.asked_days):
-        raise ConfigError(f"{day}: expected one of {', '.join(study.asked_days)}")
+    if day not in (None, *study.query_days):
+        raise ConfigError(f"{day}: expected one of {', '.join(study.query_days)}")
     layout = Layout()
     fixes: list[JudgedFix] = []
-    for test_day in [day] if day else study.asked_days:
+    for test_day in [day] if day else study.query_days:
         answers = store.read(layout.answers(study.name, grid, model, test_day), Fixes)
         drive = Drive.read(
             layout.path("scans", study.name, test_day), layout.path("submaps", study.name, test_day)
         )
-        fixes += of_drive(answers, drive, reject_from(answers, promise), f"{test_day} query {{}}")
+        fixes += of_drive(
+            answers, drive, reject_from(answers, target_precision), f"{test_day} query {{}}"
+        )
     return JudgedFixes(
         fixes,
         Targets.read(layout.path("map", study.name, study.train_text)),
-        "nothing was promised" if promise is None else f"promise {promise:g}",
+        "no pose is accepted"
+        if target_precision is None
+        else f"target precision {target_precision:g}",
         study.simulated,
     )
 

@@ -2,7 +2,7 @@
 
 It reads a site (one file with all that it takes to localise in a place) and scans from files, logs,
 bags or a recording under way, and writes text, JSON, CSV or a trajectory. The verdict says what of
-the pose to believe, at a promised precision.
+the pose to accept, at a target precision.
 """
 
 import gc
@@ -20,8 +20,8 @@ from pipeline.cli.options import (
     Follow,
     Idle,
     Odometry,
-    Promise,
     SitePath,
+    TargetPrecision,
     Topic,
     Track,
     only_one,
@@ -73,7 +73,7 @@ def localize(
     tum: Tum = False,
     mcap: Mcap = False,
     out: Out = None,
-    promise: Promise = 0.99,
+    target_precision: TargetPrecision = 0.99,
     lift: Lift = None,
     body_T_lidar: BodyTLidar = None,
     topic: Topic = None,
@@ -83,7 +83,7 @@ def localize(
     idle: Idle = 10.0,
     threads: Threads = 1,
 ) -> None:
-    """Where scans were taken, by a site file, and whether to believe it."""
+    """Where scans were taken, by a site file, and whether to accept it."""
     with _without_garbage_collection():
         from pipeline.online.localized import localized, tracker_of
         from pipeline.online.outputs import writer
@@ -94,21 +94,23 @@ def localize(
     if threads < 1:
         raise ConfigError(f"--threads {threads}: expected at least 1")
     site = Site.open(path, threads)
-    check_site(site, promise, odometry, track, follow)
+    check_site(site, target_precision, odometry, track, follow)
     check_file(out, is_written_whole=output_format == "mcap")
     options = scan_options(
         site, topic=topic, odometry=odometry, body_T_lidar=body_T_lidar, lift_m=lift
     )
     if lift is not None and not follow:
         _check_lift(options, inputs)
-    summary = Summary(site.doubt_judge.tolerances)
-    tracker = tracker_of(site, promise, track)
+    summary = Summary(site.claim_judge.tolerances)
+    tracker = tracker_of(site, target_precision, track)
     tell_cold()
     with writer(output_format, out) as write:
         for source in inputs:
             scans = scans_or_followed(options, source, follow, idle, summary)
             # `localized` appends to `broken` why a scan could not be read
-            for scan, points_m, fix in localized(scans, tracker or site, promise, summary.broken):
+            for scan, points_m, fix in localized(
+                scans, tracker or site, target_precision, summary.broken
+            ):
                 is_first = not summary.verdicts
                 if is_first:
                     _warn_if_unlike(points_m, site, scan.body_T_lidar)

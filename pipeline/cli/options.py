@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # at run time these would slow the start of every command
 
 
 def share_or_none(word: str) -> float | None:
-    """Parse the value of `--promise`: a share, or None for the word none."""
+    """Parse the value of `--target-precision`: a share, or None for the word none."""
     try:
         return None if word == "none" else float(word)
     except ValueError:
@@ -28,12 +28,13 @@ def some_words(metavar: str, help_text: str) -> Any:
 
 
 SitePath = Annotated[Path, typer.Argument(metavar="SITE")]
-Promise = Annotated[
+TargetPrecision = Annotated[
     float | None,
     typer.Option(
-        metavar="SHARE",
+        metavar="P",
         parser=share_or_none,
-        help="of right ones among the accepted; none accepts nothing",
+        help="accept only poses that are right with at least this probability, as calibrated on "
+        "validation blocks; none accepts no pose",
     ),
 ]
 BodyTLidar = Annotated[

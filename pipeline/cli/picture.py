@@ -1,4 +1,4 @@
-"""`yearloc picture` draws a moving picture of a drive, which shows the answers that are believed.
+"""`yearloc picture` draws a moving picture of a drive, which shows the answers that are accepted.
 
 The drive is a test day of a study, over the map of the training day, or a log in the plan of a
 level site (a building that a 2-D laser knows).
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.cli.options import Odometry, Promise, Topic
+from pipeline.cli.options import Odometry, TargetPrecision, Topic
 from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Bar
 from pipeline.cli.project import named_model
@@ -41,16 +41,16 @@ def picture(
             metavar="DAY|LOG", help="a test day, without one the last; of a site what it is asked"
         ),
     ] = None,
-    promise: Promise = 0.99,
+    target_precision: TargetPrecision = 0.99,
     topic: Topic = None,
     odometry: Odometry = None,
 ) -> None:
-    """A moving picture of one test day: the drive, and which answers are believed.
+    """A moving picture of one test day: the drive, and which answers are accepted.
 
     Of a level site it shows the drive of a log or bag in the plan of the building, tracked.
     """
     if of.endswith(".site"):
-        print(draw_level_drive(Path(of), day, out, promise, topic, odometry))
+        print(draw_level_drive(Path(of), day, out, target_precision, topic, odometry))
     else:
         line, _ = draw(of, day, out)
         print(line)
@@ -63,8 +63,8 @@ def draw(of: str, test_day: str | None, out: Path) -> tuple[str, str]:
     """
     from pipeline.evaluation import results
     from pipeline.report.figures import animation, chase
-    from pipeline.report.figures.believed import BelievedDrive
-    from pipeline.report.study import Study as StudyOfGrid
+    from pipeline.report.figures.accepted import AcceptedDrive
+    from pipeline.report.study import StudyResults as StudyOfGrid
     from pipeline.studies.layout import Layout
 
     check_file(out)
@@ -73,7 +73,7 @@ def draw(of: str, test_day: str | None, out: Path) -> tuple[str, str]:
     _check_model_and_day(study, model, test_day, of)
     table = results.read(Layout(), {study.name: study})
     sequence = test_day or last_day(table, study.tests)
-    drive = BelievedDrive.of(StudyOfGrid(Layout(), study, grid, table), model, sequence)
+    drive = AcceptedDrive.of(StudyOfGrid(Layout(), study, grid, table), model, sequence)
     frame_count, _ = chase.write(drive, out, Bar())
     accepted, accepted_wrong, refused, refused_wrong = drive.counts[:, -1].tolist()
     noun = "pose" if drive.posed else "answer"
@@ -94,7 +94,7 @@ def draw_level_drive(
     path: Path,
     log: str | None,
     out: Path,
-    promise: float | None,
+    target_precision: float | None,
     topic: str | None,
     odometry: str | None,
 ) -> str:
@@ -120,7 +120,9 @@ def draw_level_drive(
     sweeps = scan_options(site, topic=topic, odometry=odometry).scans(log, skipped)
     drive = [
         level_plan.Seen(points_m, fix, scan.world_T_scan)
-        for scan, points_m, fix in localized(sweeps, Tracker(site, promise), promise, broken)
+        for scan, points_m, fix in localized(
+            sweeps, Tracker(site, target_precision), target_precision, broken
+        )
     ]
     if not drive:
         raise LogError(broken[0] if broken else f"{log}: no scan there")
@@ -146,12 +148,12 @@ def last_day(table: "pd.DataFrame", tests: Sequence[str]) -> str:
 
 def _check_model_and_day(study: "Study", model: str, test_day: str | None, of: str) -> None:
     """Raise ConfigError for a study without test days, or a model or day that it lacks."""
-    if not study.asks_about_the_year:
+    if not study.tests_over_days:
         raise ConfigError(f"{of}: this study turns robots where they stand, and drives no test day")
     models = [answers.name for answers in study.answerers]
     if model not in models:
         raise ConfigError(f"{of}: no such method, expected one of {', '.join(models)}")
-    if test_day and test_day not in study.asked_days:
+    if test_day and test_day not in study.query_days:
         raise ConfigError(
-            f"{test_day}: no such test day, expected one of {', '.join(study.asked_days)}"
+            f"{test_day}: no such test day, expected one of {', '.join(study.query_days)}"
         )

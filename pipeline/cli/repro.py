@@ -1,4 +1,5 @@
-"""`yearloc repro` runs DVC and counts its stages; `yearloc repair` mends DVC's files after a kill.
+"""`yearloc repro` runs DVC and counts its stages; `yearloc repair` repairs DVC's files after a
+kill.
 
 DVC prints a line when it begins a stage. `Counting` puts before it which of how many stages that
 is, and about how long the others will take.

@@ -120,7 +120,7 @@ def _table(studies: "dict[str, Study]") -> "pd.DataFrame":
     for name in stale(Layout(), studies):
         print(
             f"{name}: conf/studies.yaml changed after this was measured; `dvc repro` measures it "
-            "anew",
+            "again",
             file=sys.stderr,
         )
     return table

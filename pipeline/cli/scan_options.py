@@ -1,4 +1,4 @@
-"""Reads scans for a site as the options of `localize`, `watch`, `grow` and `failures` say."""
+"""Reads scans for a site as the options of `localize`, `watch`, `update` and `failures` say."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -58,10 +58,10 @@ def scans_or_followed(
 
 
 def check_site(
-    site: "Site", promise: float | None, odometry: str | None, track: bool, follow: bool
+    site: "Site", target_precision: float | None, odometry: str | None, track: bool, follow: bool
 ) -> None:
     """Raise ConfigError for options of `localize` and `watch` that this site cannot heed."""
-    site.check(promise)
+    site.check(target_precision)
     if odometry and not track and not site.gathers:
         raise ConfigError(f"--odometry {odometry}: needs --track")
     if site.is_level and follow:

@@ -29,10 +29,10 @@ ZenohEndpoint = Annotated[
         help="instead of HTTP: a peer or router, such as tcp/127.0.0.1:7447",
     ),
 ]
-ZenohPromise = Annotated[
+ZenohTargetPrecision = Annotated[
     float | None,
     typer.Option(
-        metavar="SHARE",
+        metavar="P",
         parser=share_or_none,
         help="of --zenoh: what accepted fixes keep; over HTTP each request says it",
     ),
@@ -49,13 +49,13 @@ def serve(
     host: Host = "127.0.0.1",
     workers: Workers = 1,
     zenoh: ZenohEndpoint = None,
-    promise: ZenohPromise = 0.99,
+    target_precision: ZenohTargetPrecision = 0.99,
     body_T_lidar: BodyTLidar = None,
     key: ZenohKey = "yearloc",
 ) -> None:
     """Answer over HTTP: POST /localize, /healthz, /metrics."""
     if zenoh:
-        _serve_zenoh(path, zenoh, key, promise, body_T_lidar)
+        _serve_zenoh(path, zenoh, key, target_precision, body_T_lidar)
         return
     if body_T_lidar:
         raise ConfigError(
@@ -79,15 +79,17 @@ def _serve_http(path: Path, host: str, port: int, workers: int) -> None:
     online.check_reach(host, os.environ.get(online.TOKEN, ""))
     if workers < 1:
         raise ConfigError(f"--workers {workers}: expected at least 1")
-    kept_promises = read_either(path).description.verdict.kept
+    met_precisions = read_either(path).description.verdict.kept
     _check_port(host, port)
     # Each worker is a process of its own, which reads the site's path from the environment.
     os.environ[online.SITE] = str(path.resolve())
     with TemporaryDirectory() as metrics_folder:
         if workers > 1:
             os.environ["PROMETHEUS_MULTIPROC_DIR"] = metrics_folder
-        promises = f"promises {', '.join(map(str, kept_promises)) or 'nothing'}"
-        ready_line = f"serving {path} at http://{host}:{port}/localize, {promises}; Ctrl-C stops it"
+        target_precisions = f"target precisions {', '.join(map(str, met_precisions)) or 'nothing'}"
+        ready_line = (
+            f"serving {path} at http://{host}:{port}/localize, {target_precisions}; Ctrl-C stops it"
+        )
         print(ready_line, file=sys.stderr, flush=True)
         tell_cold()
         uvicorn.run(
@@ -113,7 +115,7 @@ def _check_port(host: str, port: int) -> None:
 
 
 def _serve_zenoh(
-    path: Path, endpoint: str, key: str, promise: float | None, body_T_lidar: str | None
+    path: Path, endpoint: str, key: str, target_precision: float | None, body_T_lidar: str | None
 ) -> None:
     """Answer each scan on KEY/points by a fix, the pose found, on KEY/fix until interrupted.
 
@@ -135,7 +137,7 @@ def _serve_zenoh(
             site,
             session,
             key,
-            promise,
+            target_precision,
             ready=print_ready,
             tell=print,
             body_T_lidar=lidar_of(body_T_lidar),

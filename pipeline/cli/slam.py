@@ -53,7 +53,7 @@ def slam(
     from pipeline.core.replacing import replace, write_text
     from pipeline.opening.opening import unposed
     from pipeline.slam import outputs
-    from pipeline.slam.drive import Slam, without_truth
+    from pipeline.slam.drive import Slam, without_ground_truth
 
     if not (out or map_path or picture):
         raise ConfigError("nothing to write: expected -o FILE, --map FILE or --picture FILE")
@@ -64,7 +64,7 @@ def slam(
         check_file(path)
     uses_odometry = odometry != "none"
     odometry_topic = odometry if uses_odometry else None
-    opened_log = without_truth(unposed(log, topic, odometry_topic))
+    opened_log = without_ground_truth(unposed(log, topic, odometry_topic))
     tell_cold()
     progress = Scans()
     estimate = Slam(use_log_odometry=uses_odometry).estimate(opened_log, progress)

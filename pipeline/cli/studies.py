@@ -23,8 +23,9 @@ if TYPE_CHECKING:  # at run time these would slow the start of every command
     from pipeline.studies.study import Study
 
 OPTIONS = (
-    "names of files in conf/dataset, and root, log, parts, train, tests, learned, methods, world, "
-    "budget, scale, question, seeds, variants, altered, cells, poses, paths, latency; without any, "
+    "names of files in conf/dataset, and root, log, split, train, tests, learned, methods, world, "
+    "budget, scale, experiment, seeds, variants, perturbed, cells, poses, paths, latency; without "
+    "any, "
     "the studies in use"
 )
 
@@ -110,7 +111,7 @@ def _write(conf: Path, studies: "Mapping[str, Study]") -> None:
     }
     if changed_texts:
         refuse_at_work(conf.parent)
-    with suppress(ConfigError):  # a list that cannot be read is written anew
+    with suppress(ConfigError):  # a list that cannot be read is rewritten
         for name in sorted(read_studies().keys() - studies.keys()):
             print(f"  {name} is no longer among the studies; --add keeps what is there")
     for path, text in changed_texts.items():

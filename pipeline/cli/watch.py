@@ -16,8 +16,8 @@ from pipeline.cli.options import (
     Follow,
     Idle,
     Odometry,
-    Promise,
     SitePath,
+    TargetPrecision,
     Topic,
     Track,
 )
@@ -40,7 +40,7 @@ def watch(
     path: SitePath,
     log: LogPath,
     save: Save = None,
-    promise: Promise = 0.99,
+    target_precision: TargetPrecision = 0.99,
     body_T_lidar: BodyTLidar = None,
     topic: Topic = None,
     odometry: Odometry = None,
@@ -60,18 +60,18 @@ def watch(
     if save is not None and save.suffix not in (".rrd", ".mcap"):
         raise ConfigError(f"--save {save}: expected FILE.rrd or FILE.mcap")
     site = Site.open(path)
-    check_site(site, promise, odometry, track, follow)
+    check_site(site, target_precision, odometry, track, follow)
     check_file(save)
     is_for_foxglove = save is not None and save.suffix == ".mcap"
     open_recording: Any = foxglove.Recording if is_for_foxglove else rerun.Recording
     tell_cold()
     options = scan_options(site, topic=topic, odometry=odometry, body_T_lidar=body_T_lidar)
-    summary = Summary(site.doubt_judge.tolerances)
+    summary = Summary(site.claim_judge.tolerances)
     all_scans = scans_or_followed(options, log, follow, idle, summary)
     scans = islice(all_scans, 0, None, every)  # every N-th, from the first on
-    localizer = tracker_of(site, promise, track) or site
-    with open_recording(site, save, promise) as recording:
-        fixes = localized(scans, localizer, promise, summary.broken)
+    localizer = tracker_of(site, target_precision, track) or site
+    with open_recording(site, save, target_precision) as recording:
+        fixes = localized(scans, localizer, target_precision, summary.broken)
         for number, (scan, points_m, fix) in enumerate(fixes):
             recording.add(number * every, scan, points_m, fix)
             summary.add(scan, fix)

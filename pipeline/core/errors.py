@@ -44,7 +44,7 @@ def machine_refusal(error: BaseException) -> str:
         return "not enough memory: fewer workers or a smaller view need less"
     if isinstance(error, OSError) and error.errno in MACHINE_ERRNOS:
         return (
-            f"{error.filename or 'a file'}: {str(error.strerror).lower()}; mend that and run it "
+            f"{error.filename or 'a file'}: {str(error.strerror).lower()}; fix that and run it "
             "again"
         )
     return ""

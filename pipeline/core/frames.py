@@ -79,7 +79,7 @@ def turns(left_rad: NDArray[np.float64]) -> Poses:
     return pose(np.zeros((len(left_rad), 3)), rpy_rad)
 
 
-def moved(a_T_b: NDArray[np.float64], points_b: NDArray[np.floating]) -> NDArray[np.float64]:
+def transformed(a_T_b: NDArray[np.float64], points_b: NDArray[np.floating]) -> NDArray[np.float64]:
     """Points (n, 3), or (n, 2) of a plane, in metres, moved from frame b into frame a.
 
     `a_T_b` is a pose (4, 4), or for points of a plane one of a plane (3, 3).

@@ -22,7 +22,7 @@ SINCE_1970 = "nanoseconds since 1970-01-01"
 """The unit of stamps, in the words of xarray and the CF conventions."""
 
 PoseColumn = Literal["odom_T_scan", "world_T_scan"]
-"""The column of Scans with the poses by which a submap's scans are laid out around its anchor."""
+"""The column of Scans with the poses by which a submap's scans are placed around its anchor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ class Estimates(Artifact, kind="slam", version=1):
         NDArray[np.float64],
         Array(
             ("scan", "row", "col"),
-            "pose by registering scan to scan, before loops are closed; starts anew after a break",
+            "pose by registering scan to scan, before loops are closed; starts again after a break",
             unit="m",
         ),
     ]
@@ -180,7 +180,7 @@ class Submaps(Artifact, kind="submaps", version=3):
         Array(("submap", "row", "col"), "true pose of the anchor", unit="m"),
     ]
     layout: Annotated[
-        PoseColumn, "the column of the scans artifact whose poses lay a submap's scans out"
+        PoseColumn, "the column of the scans artifact whose poses place a submap's scans"
     ]
     left_out: Annotated[Mapping[str, int], "how many anchors made no submap, by reason"]
     appearance: Annotated[
@@ -199,9 +199,10 @@ Cases = Annotated[
 
 @dataclass(frozen=True, eq=False)
 class Views(Artifact):
-    """What a method looks at: an image of each submap, in each case (as driven, or altered).
+    """What a method looks at: an image of each submap, in each case (unperturbed, or perturbed).
 
-    The stages views, birdviews and altered write such artifacts. The kinds differ in their images.
+    The stages views, birdviews and perturbed write such artifacts. The kinds differ in their
+    images.
     """
 
     images: NDArray[Any]
@@ -343,7 +344,9 @@ class Ranking:
     ]
     confidence: Annotated[
         NDArray[np.float32],
-        Array(("query",), "chance that the first place is right; NaN where the method gives none"),
+        Array(
+            ("query",), "probability that the first place is right; NaN where the method gives none"
+        ),
     ]
     heading_deg: Annotated[
         NDArray[np.float32],
@@ -414,9 +417,9 @@ class SequenceRanking(Ranking, Artifact):
     thresholds: Annotated[
         tuple[float, ...],
         "for each kind of novelty, the value from which a query is rejected as unseen; chosen on "
-        "held-out blocks of the training sequence",
+        "validation blocks of the training sequence",
     ]
-    wanted_precision: Annotated[float, "the precision that the thresholds were chosen for"]
+    target_precision: Annotated[float, "the precision that the thresholds were chosen for"]
 
     def ranking(self, rows: slice = slice(None)) -> Ranking:
         """The plain ranking of some of the queries, without what the artifact adds."""
@@ -432,22 +435,24 @@ class SequenceRanking(Ranking, Artifact):
 
 
 @dataclass(frozen=True, eq=False)
-class Rankings(SequenceRanking, kind="rankings", version=5):
+class Rankings(SequenceRanking, kind="rankings", version=6):
     """The rankings that a method answers, without poses."""
 
-    kept_precision: Annotated[
+    validation_precision: Annotated[
         tuple[float, ...],
-        "the precision that each threshold keeps on the held-out blocks: wanted_precision or less, "
+        "the precision that each threshold keeps on the validation blocks: target_precision or "
+        "less, "
         "null if it accepts nothing",
     ]
 
 
-JUDGED_PROMISE = 0.99
-"""The one of `promises`, precisions of accepted poses, that results and pictures are judged at."""
+JUDGED_PRECISION = 0.99
+"""The one of `target_precisions`, precisions of accepted poses, that results and pictures are
+judged at."""
 
 
 @dataclass(frozen=True, eq=False)
-class Fixes(SequenceRanking, kind="fixes", version=5):
+class Fixes(SequenceRanking, kind="fixes", version=6):
     """Rankings of queries that were registered to poses; the first novelty is of these poses."""
 
     world_T_query: Annotated[
@@ -474,23 +479,24 @@ class Fixes(SequenceRanking, kind="fixes", version=5):
             "own fix",
         ),
     ]
-    promises: Annotated[tuple[float, ...], "precisions that a user may want of accepted poses"]
-    promised: Annotated[
+    target_precisions: Annotated[tuple[float, ...], "target precisions of accepted poses"]
+    pose_thresholds: Annotated[
         tuple[float, ...],
-        "for each promise, the first kind's novelty from which a pose is rejected to keep it, by "
-        "held-out blocks of the training sequence",
+        "for each target precision, the first kind's novelty from which a pose is rejected to "
+        "keep it, by "
+        "validation blocks of the training sequence",
     ]
-    promised_place: Annotated[
+    place_thresholds: Annotated[
         tuple[float, ...],
         "the same for the novelty `place`, by which the query is within 15 m of its pose",
     ]
-    promised_several: Annotated[
+    several_thresholds: Annotated[
         tuple[float, ...],
         "the same for the novelty `several`, by which one of its first poses is right",
     ]
-    held_out: Annotated[
+    validation: Annotated[
         int,
-        "how many held-out blocks there are, each asked as driven, aged, and without its "
+        "how many validation blocks there are, each asked unperturbed, aged, and without its "
         "surroundings",
     ]
     right_within: Annotated[
@@ -498,18 +504,18 @@ class Fixes(SequenceRanking, kind="fixes", version=5):
         "metres and degrees within which a pose is right: 2 and 5, or 1 and 10 for level sweeps",
     ]
 
-    def reject_from(self, promise: float = JUDGED_PROMISE, belief: str = "fix") -> float:
-        """The novelty from which a belief is rejected, to keep the precision `promise`.
+    def reject_from(self, target_precision: float = JUDGED_PRECISION, claim: str = "fix") -> float:
+        """The novelty from which a claim is rejected, to keep the precision `target_precision`.
 
-        The belief is that the pose is right (`fix`), that the query is near it (`place`), or that
+        The claim is that the pose is right (`fix`), that the query is near it (`place`), or that
         one of the query's first poses is right (`several`).
         """
-        limits = {
-            "fix": self.promised,
-            "place": self.promised_place,
-            "several": self.promised_several,
+        thresholds = {
+            "fix": self.pose_thresholds,
+            "place": self.place_thresholds,
+            "several": self.several_thresholds,
         }
-        return limits[belief][self.promises.index(promise)]
+        return thresholds[claim][self.target_precisions.index(target_precision)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -540,38 +546,39 @@ class Maps(Artifact, kind="maps", version=1):
 
 
 @dataclass(frozen=True, eq=False)
-class Verdicts(Artifact, kind="verdict", version=1):
-    """What held-out blocks of the training day teach: when to believe a pose."""
+class Verdicts(Artifact, kind="verdict", version=2):
+    """What validation blocks of the training day teach: when to accept a pose."""
 
     pose_weights: Annotated[
         NDArray[np.float64],
-        Array(("sign",), "weight of each sign in the chance that a pose is right"),
+        Array(("feature",), "weight of each feature in the probability that a pose is right"),
     ]
     place_weights: Annotated[
         NDArray[np.float64],
-        Array(("sign",), "weight of each sign in the chance that a pose is near"),
+        Array(("feature",), "weight of each feature in the probability that a pose is near"),
     ]
     expected_xy_m: Annotated[
         NDArray[np.float64],
-        Array(("right_fix", "xy"), "where a right fix of a held-out query is", unit="m"),
+        Array(("right_fix", "xy"), "where a right fix of a validation query is", unit="m"),
     ]
-    expected_signs: Annotated[
+    expected_features: Annotated[
         NDArray[np.float64],
-        Array(("right_fix", "scan_sign"), "signs of a right fix, by which others are judged"),
+        Array(("right_fix", "scan_feature"), "features of a right fix, by which others are judged"),
     ]
-    pose_offset: Annotated[float, "log odds of a pose to be right where all signs are 0"]
-    place_offset: Annotated[float, "log odds of a pose to be near where all signs are 0"]
-    promises: Annotated[tuple[float, ...], "precisions that a user may want of accepted poses"]
-    promised: Annotated[
-        tuple[float, ...], "for each promise, the doubt from which a pose is rejected to keep it"
+    pose_offset: Annotated[float, "log odds of a pose to be right where all features are 0"]
+    place_offset: Annotated[float, "log odds of a pose to be near where all features are 0"]
+    target_precisions: Annotated[tuple[float, ...], "target precisions of accepted poses"]
+    pose_thresholds: Annotated[
+        tuple[float, ...],
+        "for each target precision, the error probability from which a pose is rejected to keep it",
     ]
-    promised_place: Annotated[tuple[float, ...], "the same, that a query is near its pose"]
-    promised_several: Annotated[
+    place_thresholds: Annotated[tuple[float, ...], "the same, that a query is near its pose"]
+    several_thresholds: Annotated[
         tuple[float, ...], "the same, that one of a query's first poses is right"
     ]
-    held_out: Annotated[int, "how many held-out blocks there are"]
+    validation: Annotated[int, "how many validation blocks there are"]
     unseen_share: Annotated[float, "share of queries that are expected where training never went"]
-    fix_count: Annotated[int, "how many fixes of held-out queries there are"]
+    fix_count: Annotated[int, "how many fixes of validation queries there are"]
     least_overlap: Annotated[float, "overlap from which on a rough registration is refined"]
     basis: Annotated[
         str,
@@ -581,8 +588,8 @@ class Verdicts(Artifact, kind="verdict", version=1):
 
 
 @dataclass(frozen=True, eq=False)
-class Lifelong(Artifact, kind="lifelong", version=3):
-    """What a localiser answers to the queries of all asked days after each step of learning."""
+class Lifelong(Artifact, kind="lifelong", version=4):
+    """What a localiser answers to the queries of all queried days after each step of learning."""
 
     right: Annotated[
         NDArray[np.bool_],
@@ -600,37 +607,39 @@ class Lifelong(Artifact, kind="lifelong", version=3):
     ]
     known_from: Annotated[
         NDArray[np.int64],
-        Array(("query",), "the step from which on the query's cell was surveyed; −1 for never"),
+        Array(("query",), "the step from which on the query's cell was covered; −1 for never"),
     ]
-    day: Annotated[NDArray[np.int64], Array(("query",), "index of the asked day")]
+    day: Annotated[NDArray[np.int64], Array(("query",), "index of the queried day")]
     xy_m: Annotated[
         NDArray[np.float64], Array(("query", "xy"), "where the query was taken", unit="m")
     ]
     place_xy_m: Annotated[
         NDArray[np.float64],
-        Array(("place", "xy"), "centre of each cell surveyed by the last step", unit="m"),
+        Array(("place", "xy"), "centre of each cell covered by the last step", unit="m"),
     ]
     newest_ns: Annotated[
         NDArray[np.int64],
         Array(
             ("place",),
-            "stamp of the cell's newest view that was surveyed or adopted",
+            "stamp of the cell's newest view that was learned at a reference pose or "
+            "pseudo-labelled",
             unit=SINCE_1970,
         ),
     ]
     order: Annotated[str, "days, streets or updates: what is learned in each step"]
     strategy: Annotated[str, "how a model learns it: a file of conf/strategy"]
     steps: Annotated[tuple[str, ...], "name of each step"]
-    asked: Annotated[tuple[str, ...], "name of each asked day"]
+    queried: Annotated[tuple[str, ...], "name of each queried day"]
     learned_ns: Annotated[tuple[int, ...], "stamp of the newest view after each step"]
-    asked_ns: Annotated[tuple[int, ...], "first stamp of each asked day"]
+    queried_ns: Annotated[tuple[int, ...], "first stamp of each queried day"]
     correct_m: Annotated[float, "an answer is right by distance if it is at most so far away"]
-    places: Annotated[tuple[int, ...], "how many cells were surveyed by each step"]
+    places: Annotated[tuple[int, ...], "how many cells were covered by each step"]
     bytes: Annotated[  # the name in the artifact; nothing here calls the built-in
         tuple[int, ...], "size of the model after each step"
     ]
     counts: Annotated[
         Sequence[Mapping[str, int]],
-        "counts of each update: scans asked and adopted, adopted at a wrong pose, submaps that "
+        "counts of each update: scans asked and pseudo-labelled, pseudo-labelled at a wrong pose, "
+        "submaps that "
         "changed",
     ]

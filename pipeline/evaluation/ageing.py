@@ -15,7 +15,7 @@ from scipy.special import stdtr, stdtrit  # scipy.stats alone takes half a secon
 
 from pipeline.core.settings import InnerShare, checked
 from pipeline.evaluation.bootstrap import Estimate
-from pipeline.evaluation.judgement import Evaluation
+from pipeline.evaluation.evaluations import Evaluation
 
 TINY = 1e-150
 """Stands in for a standard error of zero, which values on one line have."""
@@ -135,15 +135,15 @@ class Ageing:
         )
 
 
-def newness(evaluation: Evaluation, held_out: NDArray[np.float64]) -> float:
+def newness(evaluation: Evaluation, validation: NDArray[np.float64]) -> float:
     """How new the seen queries look, as a percentile: 50 is as new as the day of training itself.
 
-    It is the percentile of their median novelty among `held_out` (h,), the novelties of held-out
-    queries of training. Queries are seen by distance. NaN if either has no query.
+    It is the percentile of their median novelty among `validation` (h,), the novelties of
+    validation queries of training. Queries are seen by distance. NaN if either has no query.
     """
     seen = evaluation.novelty[evaluation.distance.seen, 0]
-    if not len(seen) or not len(held_out):
+    if not len(seen) or not len(validation):
         return np.nan
     median = np.median(seen)
     # the mean of both shares, so that equal novelties count half
-    return float(50 * ((held_out < median).mean() + (held_out <= median).mean()))
+    return float(50 * ((validation < median).mean() + (validation <= median).mean()))

@@ -81,8 +81,8 @@ class Bootstrap:
 
         # How often each block is drawn (resample, block).
         random = np.random.default_rng(self.seed)
-        equal_chances = np.full(block_count, 1 / block_count)
-        draws = random.multinomial(block_count, equal_chances, self.resamples)
+        equal_probabilities = np.full(block_count, 1 / block_count)
+        draws = random.multinomial(block_count, equal_probabilities, self.resamples)
 
         # The numbers on all resamples (m, resample), some resamples at a time.
         chunk_length = max(1, CHUNK // len(block))

@@ -15,7 +15,7 @@ from pipeline.core.errors import InputError
 BINS = 10
 """Number of bins, equally wide, into which confidences are sorted."""
 ROUNDING = 1e-6
-"""A chance may exceed 1 or fall below 0 by this much."""
+"""A probability may exceed 1 or fall below 0 by this much."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,12 @@ class Reliability:
 
 
 def reliability(confidence: NDArray[Any], right: NDArray[np.bool_]) -> Reliability:
-    """Bin answers by confidence (q,), a chance between 0 and 1; `right` (q,) says which are right.
+    """Bin answers by confidence (q,), a probability between 0 and 1; `right` (q,) says which are
+    right.
 
     Raises InputError for a confidence that is not between 0 and 1.
     """
-    if not chances(confidence):
+    if not probabilities(confidence):
         raise InputError("a confidence is no chance between 0 and 1")
     confidence = np.asarray(confidence, np.float64)
     bin_of = (confidence * BINS).astype(np.int64).clip(0, BINS - 1)
@@ -52,12 +53,12 @@ def ece(confidence: NDArray[Any], right: NDArray[np.bool_]) -> float:
     A bin's gap is the one between its mean confidence and its share of right answers. NaN without
     answers, and if a confidence is not between 0 and 1, such as a descriptor's distance.
     """
-    if len(confidence) == 0 or not chances(confidence):
+    if len(confidence) == 0 or not probabilities(confidence):
         return np.nan
     bins = reliability(confidence, right)
     return float(np.nansum(np.abs(bins.confidence - bins.right) * bins.count) / bins.count.sum())
 
 
-def chances(confidence: NDArray[Any]) -> bool:
+def probabilities(confidence: NDArray[Any]) -> bool:
     """Whether all confidences lie between 0 and 1, up to rounding."""
     return bool(((confidence >= -ROUNDING) & (confidence <= 1 + ROUNDING)).all())

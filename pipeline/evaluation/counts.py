@@ -1,8 +1,10 @@
-"""Counts of hits, misses, false alarms and correct rejections (METHODS.md 2.7).
+"""Counts of true and false positives and negatives (METHODS.md 2.7).
 
-In: the truth of each query and its novelty. Out: how many queries have each of the four outcomes at
-each threshold; `curves` computes precision and recall from them. An answer counts as right if a
-true place is among its first n.
+The SCI paper calls them hits, false alarms, correct rejections and misses.
+
+In: the ground truth of each query and its novelty. Out: how many queries have each of the four
+outcomes at each threshold; `curves` computes precision and recall from them. An answer counts as
+right if a true place is among its first n.
 """
 
 from dataclasses import dataclass
@@ -12,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
-from pipeline.evaluation.protocols import Truth
+from pipeline.evaluation.protocols import GroundTruth
 
 TOP_N = 25
 """The largest n: the SCI paper judges the first 1, 5 and 25 places."""
@@ -27,13 +29,13 @@ class Counts:
     At each threshold the four add up to the number of judged queries.
     """
 
-    hits: NDArray[Any]
+    true_positives: NDArray[Any]
     """Accepted, and a right answer among the first n."""
-    misses: NDArray[Any]
+    false_negatives: NDArray[Any]
     """Rejected although seen; the same for every n."""
-    false_alarms: NDArray[Any]
+    false_positives: NDArray[Any]
     """Accepted, and no right answer among the first n, or the query unseen."""
-    correct_rejections: NDArray[Any]
+    true_negatives: NDArray[Any]
     """Rejected and unseen; the same for every n."""
 
 
@@ -44,17 +46,19 @@ class ExactCounts:
     thresholds is a subset of these columns.
     """
 
-    def __init__(self, truth: Truth, novelty: NDArray[Any], weight: NDArray[np.float64]) -> None:
+    def __init__(
+        self, ground_truth: GroundTruth, novelty: NDArray[Any], weight: NDArray[np.float64]
+    ) -> None:
         """`weight` (r, q): how often each of the q queries counts in each of r resamples."""
-        _check(truth, novelty)
-        self._truth = truth
+        _check(ground_truth, novelty)
+        self._ground_truth = ground_truth
         self._order = np.argsort(novelty, kind="stable")
         ascending = np.asarray(novelty, np.float64)[self._order]
         self._distinct = np.unique(ascending)
         self._accepted = np.r_[0, np.searchsorted(ascending, self._distinct, side="right")]
         self._weight = weight[:, self._order]
-        self._seen_weight = self._accepted_weight(truth.seen)
-        self._unseen_weight = self._accepted_weight(truth.unseen)
+        self._seen_weight = self._accepted_weight(ground_truth.seen)
+        self._unseen_weight = self._accepted_weight(ground_truth.unseen)
 
     def columns(self, thresholds: NDArray[np.float64]) -> NDArray[np.int64]:
         """For each threshold (t,), the column (t,) with the same accepted queries."""
@@ -62,14 +66,15 @@ class ExactCounts:
 
     def count(self, n: int, columns: NDArray[np.int64] | slice = slice(None)) -> Counts:
         """Counts (r, t) among the first `n` answers, in all columns or some."""
-        hits = self._accepted_weight(is_right_at(self._truth, n))[:, columns]
+        true_positives = self._accepted_weight(is_right_at(self._ground_truth, n))[:, columns]
         accepted_seen = self._seen_weight[:, columns]
         accepted_unseen = self._unseen_weight[:, columns]
         return Counts(
-            hits=hits,
-            misses=self._seen_weight[:, -1:] - accepted_seen,  # the last column accepts all
-            false_alarms=accepted_seen + accepted_unseen - hits,
-            correct_rejections=self._unseen_weight[:, -1:] - accepted_unseen,
+            true_positives=true_positives,
+            false_negatives=self._seen_weight[:, -1:]
+            - accepted_seen,  # the last column accepts all
+            false_positives=accepted_seen + accepted_unseen - true_positives,
+            true_negatives=self._unseen_weight[:, -1:] - accepted_unseen,
         )
 
     def _accepted_weight(self, flags: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -80,9 +85,9 @@ class ExactCounts:
         return total[:, self._accepted]
 
 
-def is_right_at(truth: Truth, n: int) -> NDArray[np.bool_]:
+def is_right_at(ground_truth: GroundTruth, n: int) -> NDArray[np.bool_]:
     """Whether each query (q,) is seen and has a right answer among its first n."""
-    return truth.seen & (truth.true_rank >= 0) & (truth.true_rank < n)
+    return ground_truth.seen & (ground_truth.true_rank >= 0) & (ground_truth.true_rank < n)
 
 
 def even_thresholds(novelty: NDArray[Any]) -> NDArray[np.float64]:
@@ -97,11 +102,17 @@ def even_thresholds(novelty: NDArray[Any]) -> NDArray[np.float64]:
     )
 
 
-def _check(truth: Truth, novelty: NDArray[Any]) -> None:
-    """Raise InputError unless each query has a truth, and a novelty that is not NaN."""
-    if not len(truth.true_rank) == len(truth.seen) == len(truth.unseen) == len(novelty):
+def _check(ground_truth: GroundTruth, novelty: NDArray[Any]) -> None:
+    """Raise InputError unless each query has a ground truth, and a novelty that is not NaN."""
+    if (
+        not len(ground_truth.true_rank)
+        == len(ground_truth.seen)
+        == len(ground_truth.unseen)
+        == len(novelty)
+    ):
         raise InputError(
-            f"{len(truth.true_rank)} true ranks, {len(truth.seen)} seen and {len(truth.unseen)} "
+            f"{len(ground_truth.true_rank)} true ranks, {len(ground_truth.seen)} seen and "
+            f"{len(ground_truth.unseen)} "
             f"unseen flags and {len(novelty)} novelties of the same queries"
         )
     if np.isnan(novelty).any():

@@ -3,11 +3,11 @@
 Every function takes counts (…, t) with the t thresholds along the last axis, in rising order. A
 query is accepted if its novelty is below the threshold, so the last one accepts the most.
 
-Precision is hits / (hits + false alarms), where a seen query that is accepted but misplaced is a
-false alarm. Recall has two rules. The usual one is hits / all seen queries. The SCI authors' rule
-(METHODS.md 2.7) is hits / (hits + misses), which leaves misplaced queries out of the denominator.
-So recall reaches 1 once everything is accepted, and there precision is the share of *all* queries
-that are right.
+Precision is true positives / (true positives + false positives), where a seen query that is
+accepted but misplaced is a false positive. Recall has two rules. The usual one is true positives /
+all seen queries. The SCI authors' rule (METHODS.md 2.7) is true positives / (true positives + false
+negatives), which leaves misplaced queries out of the denominator. So recall reaches 1 once
+everything is accepted, and there precision is the share of *all* queries that are right.
 """
 
 from typing import Any
@@ -24,13 +24,16 @@ Curve = NDArray[np.float64]
 def precision_recall(counts: Counts, seen: Any = None) -> tuple[Curve, Curve]:
     """Precision and recall, shaped as the counts.
 
-    Recall is hits / `seen` where the number of seen queries is given, else by the authors' rule
-    hits / (hits + misses). 0/0 is precision 1 (nothing accepted, nothing wrong) and recall 0.
+    Recall is true positives / `seen` where the number of seen queries is given, else by the
+    authors' rule true positives / (true positives + false negatives). 0/0 is precision 1 (nothing
+    accepted, nothing wrong) and recall 0.
     """
-    hits = np.asarray(counts.hits, np.float64)
-    recall_whole = hits + counts.misses if seen is None else np.asarray(seen, np.float64)
-    precision = ratio(hits, hits + counts.false_alarms, empty=1.0)
-    recall = ratio(hits, recall_whole, empty=0.0)
+    true_positives = np.asarray(counts.true_positives, np.float64)
+    recall_whole = (
+        true_positives + counts.false_negatives if seen is None else np.asarray(seen, np.float64)
+    )
+    precision = ratio(true_positives, true_positives + counts.false_positives, empty=1.0)
+    recall = ratio(true_positives, recall_whole, empty=0.0)
     return precision, recall
 
 
@@ -56,15 +59,15 @@ def auroc(counts: Counts) -> NDArray[np.float64]:
     Ties count half. NaN without seen or without unseen queries. The counts must run from all
     rejected to all accepted, past every distinct novelty, so that the trapezoids count ties half.
     """
-    misses = np.asarray(counts.misses, np.float64)
-    correct_rejections = np.asarray(counts.correct_rejections, np.float64)
+    false_negatives = np.asarray(counts.false_negatives, np.float64)
+    true_negatives = np.asarray(counts.true_negatives, np.float64)
     # At the first threshold all are rejected.
-    seen = misses[..., 0]
-    unseen = correct_rejections[..., 0]
+    seen = false_negatives[..., 0]
+    unseen = true_negatives[..., 0]
     # When the rising threshold passes an unseen query, the seen ones accepted so far have less
     # novelty: the integral of their number over the unseen queries counts these pairs.
-    seen_accepted = misses[..., :1] - misses
-    unseen_accepted = -correct_rejections  # up to a constant, which the integral does not see
+    seen_accepted = false_negatives[..., :1] - false_negatives
+    unseen_accepted = -true_negatives  # up to a constant, which the integral does not see
     pairs_in_order = np.trapezoid(seen_accepted, unseen_accepted, axis=-1)
     return ratio(np.asarray(pairs_in_order), seen * unseen, empty=np.nan)
 

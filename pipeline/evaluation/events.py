@@ -3,7 +3,7 @@
 In: a method's evaluations on all test sequences, and the changes of the world: what was built or
 torn down since training. Out: recall and area under the curve for the queries in each band of
 distance to the nearest change. These changes are of the (simulated) world itself and stay, unlike
-an alteration, which is drawn into the points of single queries.
+a perturbation, which is drawn into the points of single queries.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,7 +18,7 @@ from pipeline.core.errors import ConfigError
 from pipeline.core.settings import checked
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.counts import is_right_at
-from pipeline.evaluation.judgement import Evaluation
+from pipeline.evaluation.evaluations import Evaluation
 from pipeline.evaluation.numbers import Weight, auc_exact, share
 from pipeline.formats.changes import Change
 
@@ -135,17 +135,19 @@ def judge_by_band(
     """
     band = bands.band_of(np.concatenate(away_m))
     novelty = np.concatenate([evaluation.novelty[:, 0] for evaluation in evaluations])
-    truths = [evaluation.truth(protocol) for evaluation in evaluations]
+    ground_truths = [evaluation.ground_truth(protocol) for evaluation in evaluations]
     fields = ("seen", "unseen", "true_rank", "oracle_right")
     pooled: dict[str, Any] = {
-        name: np.concatenate([getattr(truth, name) for truth in truths]) for name in fields
+        name: np.concatenate([getattr(ground_truth, name) for ground_truth in ground_truths])
+        for name in fields
     }
     queries_of_band = [np.flatnonzero(band == i) for i in range(len(bands.names))]
-    truth_of_band = []
+    ground_truth_of_band = []
     for queries in queries_of_band:
         of_band = {name: array[queries] for name, array in pooled.items()}
-        # All truths go by one protocol, so the first one's `recall_of_all_seen` holds for all.
-        truth_of_band.append(replace(truths[0], **of_band))
+        # All ground truths go by one protocol, so the first one's `recall_of_all_seen` holds for
+        # all.
+        ground_truth_of_band.append(replace(ground_truths[0], **of_band))
 
     def numbers(weight: Weight) -> NDArray[np.float64]:
         """Each of NUMBERS, band after band (band · number, resample).
@@ -153,11 +155,11 @@ def judge_by_band(
         `weight` (resample, query) says how often each resample holds each query.
         """
         values = []
-        for queries, truth in zip(queries_of_band, truth_of_band, strict=True):
+        for queries, ground_truth in zip(queries_of_band, ground_truth_of_band, strict=True):
             band_weight = weight[:, queries]
-            values.append(share(is_right_at(truth, 1), truth.seen, band_weight))
-            values.append(share(truth.oracle_right, truth.seen, band_weight))
-            values.append(auc_exact(truth, novelty[queries], band_weight))
+            values.append(share(is_right_at(ground_truth, 1), ground_truth.seen, band_weight))
+            values.append(share(ground_truth.oracle_right, ground_truth.seen, band_weight))
+            values.append(auc_exact(ground_truth, novelty[queries], band_weight))
         return np.stack(values)
 
     separated_xy_m = np.concatenate(
@@ -165,7 +167,7 @@ def judge_by_band(
     )
     estimates = bootstrap.estimates(numbers, separated_xy_m)
     return BandResults(
-        seen=np.array([truth.seen.sum() for truth in truth_of_band]),
-        unseen=np.array([truth.unseen.sum() for truth in truth_of_band]),
-        values=estimates.reshape(len(truth_of_band), len(NUMBERS), 3),
+        seen=np.array([ground_truth.seen.sum() for ground_truth in ground_truth_of_band]),
+        unseen=np.array([ground_truth.unseen.sum() for ground_truth in ground_truth_of_band]),
+        values=estimates.reshape(len(ground_truth_of_band), len(NUMBERS), 3),
     )

@@ -11,12 +11,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.alterations import Case, read_cases
 from pipeline.core.errors import ConfigError
 from pipeline.core.frames import RIGHT_WITHIN, Poses, distance_and_turn
 from pipeline.core.schemas import Fixes
 from pipeline.evaluation.numbers import within
 from pipeline.mapping.from_above import Drive
+from pipeline.perturbations import Case, read_cases
 
 
 @dataclass(frozen=True)
@@ -71,32 +71,37 @@ def failures(fixes: Iterable[JudgedFix]) -> list[JudgedFix]:
     return accepted + rejected
 
 
-def promises(fixes: Fixes) -> dict[float, float]:
-    """The precisions that fixes can promise, and the novelty from which each rejects poses."""
-    promised = zip(fixes.promises, fixes.promised, strict=True)
-    return {precision: novelty for precision, novelty in promised if novelty > 0}
+def target_precisions(fixes: Fixes) -> dict[float, float]:
+    """The target precisions that fixes have thresholds for, and the novelty from which each
+    rejects."""
+    pose_thresholds = zip(fixes.target_precisions, fixes.pose_thresholds, strict=True)
+    return {precision: novelty for precision, novelty in pose_thresholds if novelty > 0}
 
 
-def reject_from(fixes: Fixes, promise: float | None) -> float:
-    """The novelty from which poses are rejected to keep `promise`; None accepts nothing.
+def reject_from(fixes: Fixes, target_precision: float | None) -> float:
+    """The novelty from which poses are rejected to keep `target_precision`; None accepts nothing.
 
-    Raises ConfigError for a promise that the fixes cannot make.
+    Raises ConfigError for a target precision that the fixes have no threshold for.
     """
-    if promise is None:
+    if target_precision is None:
         return 0.0
-    possible_promises = promises(fixes)
-    if promise not in possible_promises:
+    possible_precisions = target_precisions(fixes)
+    if target_precision not in possible_precisions:
         possible = (
-            f"they can {' and '.join(map(str, possible_promises))}"
-            if possible_promises
-            else "nor any other; --promise none draws them"
+            f"they have thresholds for {' and '.join(map(str, possible_precisions))}"
+            if possible_precisions
+            else "nor for any other; --target-precision none draws them"
         )
-        raise ConfigError(f"--promise {promise:g}: these poses cannot promise that, {possible}")
-    return possible_promises[promise]
+        raise ConfigError(
+            f"--target-precision {target_precision:g}: these poses have no threshold for it; "
+            f"{possible}"
+        )
+    return possible_precisions[target_precision]
 
 
-def as_driven(fixes: Fixes, count: int) -> slice:
-    """The rows of the `count` queries as driven: one of the cases, which lie one after another."""
+def unperturbed(fixes: Fixes, count: int) -> slice:
+    """The rows of the `count` unperturbed queries: one of the cases, which lie one after
+    another."""
     case = read_cases(fixes.cases).index(Case())
     return slice(case * count, (case + 1) * count)
 
@@ -109,7 +114,7 @@ def of_drive(
     A fix is accepted if its novelty is below `reject_from`. In `name` stands {} for the number of
     the query.
     """
-    rows = as_driven(fixes, len(drive.world_T_anchor))
+    rows = unperturbed(fixes, len(drive.world_T_anchor))
     world_T_query = fixes.load("world_T_query")[rows]
     novelty = fixes.load("novelty")[rows, 0].astype(np.float64)
     overlap = fixes.load("overlap")[rows].astype(np.float64)

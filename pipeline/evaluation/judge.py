@@ -1,11 +1,11 @@
 """Judges a model's answers: rankings, labels and true poses in; an `Evaluation` out.
 
 The stage `evaluate` calls `judge_cases`, which judges one test sequence in each of its cases: the
-queries as they were driven, and with each alteration. `judge` judges the queries of one case in
+unperturbed queries, and with each perturbation. `judge` judges the queries of one case in
 three steps:
 
 1. the errors of each first answer and of each estimated pose (`Queries`);
-2. what counts as seen and as right, once by cells and once by distance (`Truth`);
+2. what counts as seen and as right, once by cells and once by distance (`GroundTruth`);
 3. by each of these two protocols the outcomes, and every number with its interval.
 """
 
@@ -16,20 +16,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.alterations import Case, read_cases
 from pipeline.core.errors import InputError
 from pipeline.core.frames import RIGHT_WITHIN, Poses, distance_and_turn, turns, wrapped_deg, yaw
 from pipeline.core.schemas import Fixes, Labels, Rankings, SequenceRanking, Submaps
 from pipeline.evaluation.bootstrap import Bootstrap
-from pipeline.evaluation.calibration import chances, ece
+from pipeline.evaluation.calibration import ece, probabilities
+from pipeline.evaluation.caveats import blind, unsuited
 from pipeline.evaluation.counts import TOP_N, even_thresholds, is_right_at
-from pipeline.evaluation.doubts import blind, unsuited
-from pipeline.evaluation.judgement import (
-    CORRECT_REJECTION,
-    FALSE_ALARM,
-    HIT,
-    MISS,
+from pipeline.evaluation.evaluations import (
+    FALSE_NEGATIVE,
+    FALSE_POSITIVE,
     NOT_JUDGED,
+    TRUE_NEGATIVE,
+    TRUE_POSITIVE,
     WEAKER_VERDICTS,
     Evaluation,
     Judgement,
@@ -43,9 +42,10 @@ from pipeline.evaluation.numbers import (
     numbers,
     share,
 )
-from pipeline.evaluation.protocols import Distance, Truth, by_cells
+from pipeline.evaluation.protocols import Distance, GroundTruth, by_cells
 from pipeline.matching.ranking import Ranking
 from pipeline.matching.rejection import ACCEPT_NOTHING
+from pipeline.perturbations import Case, read_cases
 
 
 class PoseEstimates(NamedTuple):
@@ -78,17 +78,17 @@ def judge_cases(
             f"{rankings.path}: {len(rankings.turned_deg)} queries in {len(cases)} cases of "
             f"{query_count} submaps"
         )
-    beliefs: dict[str, float] = {}
-    kept_precision: tuple[float, ...] = ()
+    claims: dict[str, float] = {}
+    validation_precision: tuple[float, ...] = ()
     if isinstance(rankings, Rankings):
-        kept_precision = rankings.kept_precision
+        validation_precision = rankings.validation_precision
     elif isinstance(rankings, Fixes):
-        beliefs = {belief: rankings.reject_from(belief=belief) for belief in WEAKER_VERDICTS}
+        claims = {claim: rankings.reject_from(claim=claim) for claim in WEAKER_VERDICTS}
         # The first kind is the doubt in the pose: its threshold keeps what is wanted, or accepts
         # nothing.
         accepts_poses = rankings.thresholds[0] > ACCEPT_NOTHING
-        precision_of_poses = rankings.wanted_precision if accepts_poses else np.nan
-        kept_precision = (precision_of_poses, *[np.nan] * (len(rankings.kinds) - 1))
+        precision_of_poses = rankings.target_precision if accepts_poses else np.nan
+        validation_precision = (precision_of_poses, *[np.nan] * (len(rankings.kinds) - 1))
     evaluations = {}
     for i, case in enumerate(cases):
         rows = slice(i * query_count, (i + 1) * query_count)
@@ -109,10 +109,10 @@ def judge_cases(
         )
         evaluations[case] = replace(
             evaluation,
-            beliefs=beliefs,
+            claims=claims,
             unsuited=unsuited(submaps),
-            wanted_precision=rankings.wanted_precision,
-            kept_precision=kept_precision,
+            target_precision=rankings.target_precision,
+            validation_precision=validation_precision,
         )
     return evaluations
 
@@ -130,10 +130,10 @@ def judge(
     """Judge the ranking of q queries against their labels and true poses.
 
     `reject_from` (kind,) is the model's threshold on each kind of novelty. `world_T_anchor`
-    (q, 4, 4) are the true poses; if an alteration turned the robot on the spot, `turned_deg` (q,)
+    (q, 4, 4) are the true poses; if a perturbation turned the robot on the spot, `turned_deg` (q,)
     is by how much, to the left, and is not in these poses. `estimates` are for a method with poses.
 
-    What `judge_cases` knows of the whole sequence is left empty: `beliefs`, `unsuited`, and the
+    What `judge_cases` knows of the whole sequence is left empty: `claims`, `unsuited`, and the
     wanted and kept precision. Raises InputError if ranking, labels and poses do not fit together.
     """
     _check(ranking, reject_from, labels, world_T_anchor)
@@ -146,12 +146,12 @@ def judge(
         queries, novelty=np.where(is_outside, np.float32(np.inf), queries.novelty)
     )
     xy_m = world_T_anchor[:, :2, 3].astype(np.float64)
-    truth_by_cells = by_cells(ranking.places, labels.places, labels.oracle)
-    truth_by_distance = distance.truth(ranking.xy_m, xy_m, labels.nearest_m)
+    ground_truth_by_cells = by_cells(ranking.places, labels.places, labels.oracle)
+    ground_truth_by_distance = distance.ground_truth(ranking.xy_m, xy_m, labels.nearest_m)
     return Evaluation(
         judgements=(
-            _judgement(truth_by_cells, queries_by_cells, xy_m, bootstrap),
-            _judgement(truth_by_distance, queries, xy_m, bootstrap),
+            _judgement(ground_truth_by_cells, queries_by_cells, xy_m, bootstrap),
+            _judgement(ground_truth_by_distance, queries, xy_m, bootstrap),
         ),
         **vars(queries),
         calibration=_calibration(ranking, labels),
@@ -163,11 +163,11 @@ def judge(
         kinds=ranking.kinds,
         days=labels.days,
         block_m=bootstrap.block_m,
-        beliefs={},
+        claims={},
         blind=blind(labels.places, labels.nearest_m, xy_m, distance),
         unsuited={},
-        wanted_precision=np.nan,
-        kept_precision=(np.nan,) * len(ranking.kinds),
+        target_precision=np.nan,
+        validation_precision=(np.nan,) * len(ranking.kinds),
     )
 
 
@@ -176,14 +176,14 @@ def _check(
 ) -> None:
     """Raise InputError unless all have a row a query, and each kind of novelty a threshold."""
     answers = [array for name, array in vars(ranking).items() if name != "kinds"]
-    truths = (
+    ground_truths = (
         world_T_anchor,
         labels.places,
         labels.oracle,
         labels.nearest_m,
         labels.nearest_turn_deg,
     )
-    rows = {len(array) for array in (*answers, *truths)}
+    rows = {len(array) for array in (*answers, *ground_truths)}
     if len(rows) != 1:
         raise InputError(
             f"the ranking and the labels must have one row a query, but have {sorted(rows)}"
@@ -233,17 +233,17 @@ def _queries(
 
 
 def _judgement(
-    truth: Truth, queries: Queries, xy_m: NDArray[np.float64], bootstrap: Bootstrap
+    ground_truth: GroundTruth, queries: Queries, xy_m: NDArray[np.float64], bootstrap: Bootstrap
 ) -> Judgement:
     """Judge queries at positions (q, 2) by one protocol."""
     kind_count = queries.novelty.shape[1]
 
     def every_number(weight: Weight) -> NDArray[np.float64]:
         """All NUMBERS, then MEASURES of each kind of novelty, with a column a resample."""
-        in_use = numbers(truth, queries, weight)
+        in_use = numbers(ground_truth, queries, weight)
         values = [*in_use.values(), *(in_use[name] for name in MEASURES)]
         for kind in range(1, kind_count):
-            values += measures(truth, queries, kind, weight).values()
+            values += measures(ground_truth, queries, kind, weight).values()
         return np.stack(values)
 
     estimates = bootstrap.estimates(every_number, xy_m)
@@ -251,29 +251,33 @@ def _judgement(
     measures_with_bounds = estimates[len(NUMBERS) :].reshape(kind_count, len(MEASURES), 3)
 
     once = np.ones((1, len(xy_m)))  # the weight if each query counts once
-    recall_at = [share(is_right_at(truth, n), truth.seen, once) for n in range(1, TOP_N + 1)]
+    recall_at = [
+        share(is_right_at(ground_truth, n), ground_truth.seen, once) for n in range(1, TOP_N + 1)
+    ]
     return Judgement(
         recall_at=np.concatenate(recall_at),
-        true_rank=truth.true_rank,
-        seen=truth.seen,
-        unseen=truth.unseen,
-        outcome=outcomes(truth, queries.novelty[:, 0], queries.reject_from[0]),
-        oracle_right=truth.oracle_right,
+        true_rank=ground_truth.true_rank,
+        seen=ground_truth.seen,
+        unseen=ground_truth.unseen,
+        outcome=outcomes(ground_truth, queries.novelty[:, 0], queries.reject_from[0]),
+        oracle_right=ground_truth.oracle_right,
         numbers=numbers_with_bounds,
         rejection=measures_with_bounds,
     )
 
 
-def outcomes(truth: Truth, novelty: NDArray[np.float32], threshold: float) -> NDArray[np.int8]:
-    """The outcome (q,) of each query at one threshold, from `HIT` to `NOT_JUDGED`.
+def outcomes(
+    ground_truth: GroundTruth, novelty: NDArray[np.float32], threshold: float
+) -> NDArray[np.int8]:
+    """The outcome (q,) of each query at one threshold, from `TRUE_POSITIVE` to `NOT_JUDGED`.
 
     Only the first answer counts.
     """
     is_rejected = novelty.astype(np.float64) >= threshold
-    if_accepted = np.where(is_right_at(truth, 1), HIT, FALSE_ALARM)
-    if_rejected = np.where(truth.seen, MISS, CORRECT_REJECTION)
+    if_accepted = np.where(is_right_at(ground_truth, 1), TRUE_POSITIVE, FALSE_POSITIVE)
+    if_rejected = np.where(ground_truth.seen, FALSE_NEGATIVE, TRUE_NEGATIVE)
     if_judged = np.where(is_rejected, if_rejected, if_accepted)
-    return np.where(truth.seen | truth.unseen, if_judged, NOT_JUDGED).astype(np.int8)
+    return np.where(ground_truth.seen | ground_truth.unseen, if_judged, NOT_JUDGED).astype(np.int8)
 
 
 def _calibration(ranking: Ranking, labels: Labels) -> NDArray[np.float64]:
@@ -284,6 +288,6 @@ def _calibration(ranking: Ranking, labels: Labels) -> NDArray[np.float64]:
     seen = labels.places >= 0
     confidence = ranking.confidence[seen]
     is_right = (ranking.places[:, 0] == labels.places)[seen]
-    if not chances(confidence):
+    if not probabilities(confidence):
         return np.full(2, np.nan)
     return np.array([ece(1 - ranking.costs[seen, 0], is_right), ece(confidence, is_right)])

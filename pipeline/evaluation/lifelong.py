@@ -50,8 +50,10 @@ class Course:
             streets = lifelong.steps
             later = np.zeros((len(streets), len(streets)), bool)
             return cls(right, lifelong.known_from, lifelong.known_from, streets, streets, later)
-        later = np.array(lifelong.asked_ns) > np.array(lifelong.learned_ns)[:, None]
-        return cls(right, lifelong.known_from, lifelong.day, lifelong.asked, lifelong.steps, later)
+        later = np.array(lifelong.queried_ns) > np.array(lifelong.learned_ns)[:, None]
+        return cls(
+            right, lifelong.known_from, lifelong.day, lifelong.queried, lifelong.steps, later
+        )
 
     def recall(self, step: int, group: int, known_by: int | None = None) -> float:
         """The share of right answers after a step, among a group's queries with a known place.
@@ -61,8 +63,8 @@ class Course:
         """
         last_step = step if known_by is None else known_by
         is_known = (self.known_from >= 0) & (self.known_from <= last_step)
-        is_asked = is_known & (self.group == group)
-        return float(self.right[step, is_asked].mean()) if is_asked.any() else np.nan
+        is_queried = is_known & (self.group == group)
+        return float(self.right[step, is_queried].mean()) if is_queried.any() else np.nan
 
     @property
     def matrix(self) -> NDArray[np.float64]:

@@ -1,8 +1,9 @@
 """The numbers by which methods are compared: recall, areas under curves, errors, and so on.
 
 In: the answers to the queries of one test sequence (`Queries`), what is true of them by one
-protocol (`Truth`), and weights. Out: each of NUMBERS, whose meanings MEANINGS lists. A weight says
-how often a query counts: ones give the estimate of a number, a bootstrap's draws its resamples.
+protocol (`GroundTruth`), and weights. Out: each of NUMBERS, whose meanings MEANINGS lists. A weight
+says how often a query counts: ones give the estimate of a number, a bootstrap's draws its
+resamples.
 """
 
 from dataclasses import dataclass, replace
@@ -22,7 +23,7 @@ from pipeline.evaluation.curves import (
     ratio,
     recall_at_precision,
 )
-from pipeline.evaluation.protocols import Truth
+from pipeline.evaluation.protocols import GroundTruth
 
 POSE_MEANINGS = {
     "within_2m_5deg": "share of the seen queries whose pose is within 2 m and 5° of the true one",
@@ -32,9 +33,11 @@ POSE_MEANINGS = {
     "error_m": "median error of position over the seen queries",
     "error_deg": "median error of heading over the seen queries",
     "wrong_of_accepted_99": "share of wrong poses (off by more than 2 m or 5°; for level sweeps "
-    "1 m or 10°) among those accepted where a precision of .99 was promised, whether the query is "
+    "1 m or 10°) among those accepted at the target precision .99, whether the query is "
     "seen or not",
-    "recall_99": "share of the seen queries whose pose is accepted at that promise and not wrong",
+    "recall_99": (
+        "share of the seen queries whose pose is accepted at that target precision and not wrong"
+    ),
     "within_2m_5deg_same_heading": "within_2m_5deg, over the queries driven in the same direction "
     "as training",
     "within_2m_5deg_turned": "within_2m_5deg, over the queries driven in another direction",
@@ -61,9 +64,11 @@ MEANINGS = {
     "auc_exact_top1": "auc_top1, but with every novelty as a threshold: the exact curve",
     "f1_max": "largest harmonic mean of precision and recall on the exact curve",
     "recall_at_99_precision": "largest recall at a precision of at least .99 on the exact curve",
-    "auroc": "chance that an unseen query has a higher novelty than a seen one",
+    "auroc": "probability that an unseen query has a higher novelty than a seen one",
     "precision_at_threshold": "precision at the model's own threshold (the table of results also "
-    "has kept_precision, its precision on held-out blocks of training, and wanted_precision, what "
+    "has validation_precision, its precision on validation blocks of training, and "
+    "target_precision, "
+    "what "
     "it was chosen for)",
     "recall_at_threshold": "recall at the model's own threshold",
     "median_error_m": "median distance of the first answer over the seen queries",
@@ -141,46 +146,48 @@ class Queries:
         return np.abs(self.turn_deg) <= SAME_HEADING_DEG
 
 
-def numbers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
+def numbers(ground_truth: GroundTruth, queries: Queries, weight: Weight) -> dict[str, Number]:
     """Each of NUMBERS by name, with a value for each resample."""
-    exact = ExactCounts(truth, queries.novelty[:, 0], weight)
+    exact = ExactCounts(ground_truth, queries.novelty[:, 0], weight)
     columns = exact.columns(queries.thresholds)
-    seen_weight = weight @ truth.seen
-    values = answers(truth, queries, weight) | poses(truth, queries, weight)
-    values |= rejection(truth, exact, queries.reject_from[0], seen_weight)
+    seen_weight = weight @ ground_truth.seen
+    values = answers(ground_truth, queries, weight) | poses(ground_truth, queries, weight)
+    values |= rejection(ground_truth, exact, queries.reject_from[0], seen_weight)
     for n in (1, 5, 25):
-        precision, recall = curve(truth, exact.count(n, columns), seen_weight)
+        precision, recall = curve(ground_truth, exact.count(n, columns), seen_weight)
         values[f"auc_top{n}"] = where(seen_weight, auc(precision, recall))
     # The oracle's first answer is right or not; its novelty is the distance to training.
-    oracle = replace(truth, true_rank=np.where(truth.oracle_right, 0, -1))
+    oracle = replace(ground_truth, true_rank=np.where(ground_truth.oracle_right, 0, -1))
     values["oracle_auc_exact_top1"] = auc_exact(oracle, queries.nearest_m, weight)
     return {name: values[name] for name in NUMBERS}
 
 
-def measures(truth: Truth, queries: Queries, kind: int, weight: Weight) -> dict[str, Number]:
+def measures(
+    ground_truth: GroundTruth, queries: Queries, kind: int, weight: Weight
+) -> dict[str, Number]:
     """Each of MEASURES by name, for the novelty of this kind (its index)."""
-    exact = ExactCounts(truth, queries.novelty[:, kind], weight)
-    values = rejection(truth, exact, queries.reject_from[kind], weight @ truth.seen)
+    exact = ExactCounts(ground_truth, queries.novelty[:, kind], weight)
+    values = rejection(ground_truth, exact, queries.reject_from[kind], weight @ ground_truth.seen)
     return {name: values[name] for name in MEASURES}
 
 
-def auc_exact(truth: Truth, novelty: NDArray[Any], weight: Weight) -> Number:
+def auc_exact(ground_truth: GroundTruth, novelty: NDArray[Any], weight: Weight) -> Number:
     """Area under the exact precision-recall curve of the first answers.
 
     Its thresholds are all values of `novelty` (q,).
     """
-    seen_weight = weight @ truth.seen
-    counts = ExactCounts(truth, novelty, weight).count(1)
-    precision, recall = curve(truth, counts, seen_weight)
+    seen_weight = weight @ ground_truth.seen
+    counts = ExactCounts(ground_truth, novelty, weight).count(1)
+    precision, recall = curve(ground_truth, counts, seen_weight)
     return where(seen_weight, auc(precision, recall))
 
 
-def answers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
+def answers(ground_truth: GroundTruth, queries: Queries, weight: Weight) -> dict[str, Number]:
     """Recall, errors and headings of the answers to the seen queries, rejected or not."""
-    seen = truth.seen
+    seen = ground_truth.seen
     is_same_heading = queries.is_same_heading
-    is_right = {f"recall_at_{n}": is_right_at(truth, n) for n in (1, 5, 25)}
-    is_right["oracle"] = truth.oracle_right
+    is_right = {f"recall_at_{n}": is_right_at(ground_truth, n) for n in (1, 5, 25)}
+    is_right["oracle"] = ground_truth.oracle_right
     values = {name: share(flags, seen, weight) for name, flags in is_right.items()}
     for name in ("recall_at_1", "oracle"):
         values[f"{name}_same_heading"] = share(is_right[name], seen & is_same_heading, weight)
@@ -193,7 +200,7 @@ def answers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]
     return values
 
 
-def poses(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
+def poses(ground_truth: GroundTruth, queries: Queries, weight: Weight) -> dict[str, Number]:
     """Each of POSES by name; a query without a pose counts as one with a wrong pose.
 
     All are NaN for a method that estimates no poses.
@@ -201,7 +208,7 @@ def poses(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
     undefined = np.full(len(weight), np.nan)
     if np.isnan(queries.reject_pose_from):
         return dict.fromkeys(POSES, undefined)
-    seen = truth.seen
+    seen = ground_truth.seen
     error_m = queries.pose_error_m
     error_deg = queries.pose_error_deg
     values: dict[str, Number] = {}
@@ -214,7 +221,7 @@ def poses(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
     values["error_m"] = median(error_m[seen], weight[:, seen])
     values["error_deg"] = median(error_deg[seen], weight[:, seen])
 
-    # Poses accepted where a precision of .99 is promised.
+    # Poses accepted at the target precision .99.
     is_accepted = queries.novelty[:, 0].astype(np.float64) < queries.reject_pose_from
     is_right = within(queries.right_within, error_m, error_deg)
     values["wrong_of_accepted_99"] = share(~is_right, is_accepted, weight)
@@ -249,7 +256,7 @@ def within(
 
 
 def rejection(
-    truth: Truth, exact: ExactCounts, reject_from: float, seen_weight: Number
+    ground_truth: GroundTruth, exact: ExactCounts, reject_from: float, seen_weight: Number
 ) -> dict[str, Number]:
     """How well a novelty separates right first answers from wrong ones and unseen queries.
 
@@ -257,8 +264,8 @@ def rejection(
     """
     counts = exact.count(1)
     (column,) = exact.columns(np.array([reject_from]))
-    precision, recall = curve(truth, counts, seen_weight)
-    accepted_weight = counts.hits[:, column] + counts.false_alarms[:, column]
+    precision, recall = curve(ground_truth, counts, seen_weight)
+    accepted_weight = counts.true_positives[:, column] + counts.false_positives[:, column]
     return {
         "auroc": auroc(counts),
         "auc_exact_top1": where(seen_weight, auc(precision, recall)),
@@ -271,12 +278,12 @@ def rejection(
     }
 
 
-def curve(truth: Truth, counts: Counts, seen_weight: Number) -> tuple[Curve, Curve]:
-    """Precision and recall (r, t) by the protocol's rule (`Truth.recall_of_all_seen`).
+def curve(ground_truth: GroundTruth, counts: Counts, seen_weight: Number) -> tuple[Curve, Curve]:
+    """Precision and recall (r, t) by the protocol's rule (`GroundTruth.recall_of_all_seen`).
 
     `seen_weight` (r,) is the weight of all seen queries.
     """
-    if truth.recall_of_all_seen:
+    if ground_truth.recall_of_all_seen:
         return precision_recall(counts, seen_weight[:, None])
     return precision_recall(counts)
 

@@ -3,7 +3,7 @@
 On a hard stretch of the path every method does badly. The number is therefore computed for both
 evaluations on the same resamples of the path (`bootstrap`), so that what is hard for both cancels
 out. `compare` compares a method with the reference method, `kept_share` a model's answers to
-altered queries with its answers to the queries as driven.
+perturbed queries with its answers to the unperturbed queries.
 """
 
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from pipeline.core.errors import InputError
 from pipeline.evaluation.bootstrap import Bootstrap, Estimate, blocks, bounds
 from pipeline.evaluation.counts import is_right_at
-from pipeline.evaluation.judgement import Evaluation
+from pipeline.evaluation.evaluations import Evaluation
 from pipeline.evaluation.numbers import Weight, auc_exact, share
 
 COMPARED = ("recall_at_1", "auc_exact_top1")
 """The numbers whose differences are tested."""
 LEVEL = 0.05
 """A difference is significant where its p, after Holm's correction, is below this."""
-KEPT = "auc_exact_top1_kept"
+AUC_SHARE_KEPT = "auc_exact_top1_kept"
 """What the table of results calls the number of `kept_share`."""
 
 
@@ -62,37 +62,37 @@ def compare(
 
     Raises InputError if the two do not judge the same queries.
     """
-    method_truth = method.truth(protocol)
-    reference_truth = reference.truth(protocol)
+    method_ground_truth = method.ground_truth(protocol)
+    reference_ground_truth = reference.ground_truth(protocol)
     are_same_queries = (
         np.array_equal(method.xy_m, reference.xy_m)
-        and np.array_equal(method_truth.seen, reference_truth.seen)
-        and np.array_equal(method_truth.unseen, reference_truth.unseen)
+        and np.array_equal(method_ground_truth.seen, reference_ground_truth.seen)
+        and np.array_equal(method_ground_truth.unseen, reference_ground_truth.unseen)
     )
     if not are_same_queries:
         raise InputError(
             "two methods can be compared on the same queries only, in the same order and judged "
-            "alike"
+            "similar"
         )
-    method_right = is_right_at(method_truth, 1)
-    reference_right = is_right_at(reference_truth, 1)
+    method_right = is_right_at(method_ground_truth, 1)
+    reference_right = is_right_at(reference_ground_truth, 1)
 
     def compared_differences(weight: Weight) -> NDArray[np.float64]:
         """The differences (number, resample), in the order of COMPARED.
 
         `weight` (resample, query) says how often each resample holds each query.
         """
-        method_recall = share(method_right, method_truth.seen, weight)
-        reference_recall = share(reference_right, reference_truth.seen, weight)
-        method_auc = auc_exact(method_truth, method.novelty[:, 0], weight)
-        reference_auc = auc_exact(reference_truth, reference.novelty[:, 0], weight)
+        method_recall = share(method_right, method_ground_truth.seen, weight)
+        reference_recall = share(reference_right, reference_ground_truth.seen, weight)
+        method_auc = auc_exact(method_ground_truth, method.novelty[:, 0], weight)
+        reference_auc = auc_exact(reference_ground_truth, reference.novelty[:, 0], weight)
         return np.stack([method_recall - reference_recall, method_auc - reference_auc])
 
     # The differences on the path itself, then in the resamples alone.
     values = compared_differences(np.ones((1, len(method.xy_m))))[:, 0].tolist()
     resampled_differences = bootstrap.spreads(compared_differences, method.xy_m)
     path_blocks = blocks(method.xy_m, bootstrap.block_m)
-    seen_block_count = len(np.unique(path_blocks[method_truth.seen]))
+    seen_block_count = len(np.unique(path_blocks[method_ground_truth.seen]))
     return Comparison(
         differences=tuple(
             Difference(Estimate(value, *bounds(resampled)), _p(resampled, seen_block_count))
@@ -115,7 +115,7 @@ def _p(resampled: NDArray[np.float64], seen_block_count: int) -> float:
 def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
     """The p values (n,) of n tests, corrected by Holm's method; NaN counts as no test.
 
-    It bounds the chance of any false claim, where scipy's `false_discovery_control` bounds the
+    It bounds the probability of any false claim, where scipy's `false_discovery_control` bounds the
     share of false ones among the claims.
     """
     corrected = np.full(len(p), np.nan)
@@ -128,24 +128,24 @@ def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def kept_share(
-    altered: Evaluation, driven: Evaluation, protocol: str, bootstrap: Bootstrap
+    perturbed: Evaluation, driven: Evaluation, protocol: str, bootstrap: Bootstrap
 ) -> Estimate:
-    """The share of its area under the curve that a model keeps when queries are altered.
+    """The share of its area under the curve that a model keeps when queries are perturbed.
 
-    The area is `auc_exact_top1`, of the altered queries over that of the same queries as driven.
-    Returns the share with the bounds of its 95 % interval, NaN if the area as driven is 0. Raises
-    InputError if the two do not judge the same queries.
+    The area is `auc_exact_top1`, of the perturbed queries over that of the same unperturbed
+    queries. Returns the share with the bounds of its 95 % interval, NaN if the unperturbed area is
+    0. Raises InputError if the two do not judge the same queries.
     """
-    if not np.array_equal(altered.xy_m, driven.xy_m):
-        raise InputError("altered queries are compared with the same queries as driven")
-    altered_truth = altered.truth(protocol)
-    driven_truth = driven.truth(protocol)
+    if not np.array_equal(perturbed.xy_m, driven.xy_m):
+        raise InputError("perturbed queries are compared with the same unperturbed queries")
+    perturbed_ground_truth = perturbed.ground_truth(protocol)
+    unperturbed_ground_truth = driven.ground_truth(protocol)
 
-    def share_of_driven(weight: Weight) -> NDArray[np.float64]:
+    def share_of_unperturbed(weight: Weight) -> NDArray[np.float64]:
         """The share (1, resample), by `weight` (resample, query)."""
-        altered_auc = auc_exact(altered_truth, altered.novelty[:, 0], weight)
-        driven_auc = auc_exact(driven_truth, driven.novelty[:, 0], weight)
-        return (altered_auc / np.where(driven_auc > 0, driven_auc, np.nan))[None]
+        perturbed_auc = auc_exact(perturbed_ground_truth, perturbed.novelty[:, 0], weight)
+        unperturbed_auc = auc_exact(unperturbed_ground_truth, driven.novelty[:, 0], weight)
+        return (perturbed_auc / np.where(unperturbed_auc > 0, unperturbed_auc, np.nan))[None]
 
     # `estimates` gives the value on the path itself and the bounds from the resamples.
-    return Estimate(*bootstrap.estimates(share_of_driven, driven.xy_m)[0].tolist())
+    return Estimate(*bootstrap.estimates(share_of_unperturbed, driven.xy_m)[0].tolist())

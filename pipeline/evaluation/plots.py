@@ -43,7 +43,7 @@ def precision_recall(results_table: ResultsTable) -> pd.DataFrame:
     frames = []
     study = results_table.study
     first_grid = study.grids[0].name
-    methods = study.methods if study.asks_about_the_year else ()
+    methods = study.methods if study.tests_over_days else ()
     for method in methods:
         for sequence in study.tests:
             evaluation = results_table.evaluation(first_grid, ModelName(method.name), sequence)

@@ -1,8 +1,8 @@
 """Protocols: which queries count as seen, and which answers as right.
 
-In: where queries were taken, what a method answered, where training went. Out: a `Truth`, from
-which `counts` and `numbers` are computed. There are two protocols, and every number names its own:
-"cells", by grid cells as in the SCI paper, and "distance", by metres between answer and query.
+In: where queries were taken, what a method answered, where training went. Out: a `GroundTruth`,
+from which `counts` and `numbers` are computed. There are two protocols, and every number names its
+own: "cells", by grid cells as in the SCI paper, and "distance", by metres between answer and query.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ PROTOCOLS = ("cells", "distance")
 
 
 @dataclass(frozen=True)
-class Truth:
+class GroundTruth:
     """Which of q queries are seen, unseen and answered right under one protocol.
 
     A query neither seen nor unseen is not judged.
@@ -34,15 +34,15 @@ class Truth:
     recall_of_all_seen: bool = False
     """Whether recall is the share of all seen queries, as usual.
 
-    If not, it is hits / (hits + misses) as in the SCI paper, which leaves out the seen queries that
-    are accepted with a wrong answer.
+    If not, it is true positives / (true positives + false negatives) as in the SCI paper, which
+    leaves out the seen queries that are accepted with a wrong answer.
     """
 
 
 def by_cells(
     places: NDArray[np.int64], true_places: NDArray[np.int64], oracle: NDArray[np.int64]
-) -> Truth:
-    """The truth by the SCI paper's protocol.
+) -> GroundTruth:
+    """The ground truth by the SCI paper's protocol.
 
     A query is seen if training visited its grid cell, and an answer is right if it is that cell.
     `places` (q, k) are the answers, cheapest first; `true_places` (q,) is −1 where training never
@@ -50,7 +50,7 @@ def by_cells(
     """
     seen = true_places >= 0
     right = (places == true_places[:, None]) & seen[:, None]
-    return Truth(seen, ~seen, _first_right_rank(right), seen & (oracle == true_places))
+    return GroundTruth(seen, ~seen, _first_right_rank(right), seen & (oracle == true_places))
 
 
 @dataclass(frozen=True)
@@ -71,20 +71,20 @@ class Distance:
                 f"distance.seen_m={self.seen_m}: expected at most distance.unseen_m={self.unseen_m}"
             )
 
-    def truth(
+    def ground_truth(
         self,
         answers_xy_m: NDArray[np.float64],
         xy_m: NDArray[np.float64],
         nearest_m: NDArray[np.float64],
-    ) -> Truth:
-        """The truth of queries at `xy_m` (q, 2) answered with positions (q, k, 2).
+    ) -> GroundTruth:
+        """The ground truth of queries at `xy_m` (q, 2) answered with positions (q, k, 2).
 
         `nearest_m` (q,) is their distance to the nearest training anchor.
         """
         seen = nearest_m < self.seen_m
         answer_error_m = np.linalg.norm(answers_xy_m - xy_m[:, None], axis=2)
         right = (answer_error_m <= self.correct_m) & seen[:, None]
-        return Truth(
+        return GroundTruth(
             seen,
             nearest_m > self.unseen_m,
             _first_right_rank(right),

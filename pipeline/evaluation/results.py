@@ -18,18 +18,16 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.alterations import read_cases
 from pipeline.core import store
 from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.core.schemas import Lifelong
 from pipeline.evaluation.ageing import Ageing
 from pipeline.evaluation.bootstrap import Bootstrap
-from pipeline.evaluation.doubts import NO_SURVEY
+from pipeline.evaluation.caveats import NO_REFERENCE_POSES
+from pipeline.evaluation.evaluations import Evaluation, Evaluations
 from pipeline.evaluation.events import Bands
-from pipeline.evaluation.held_out import held_out_auc
-from pipeline.evaluation.judgement import Evaluation, Evaluations
 from pipeline.evaluation.lifelong import cost_rows, lifelong_rows
-from pipeline.evaluation.paired import KEPT, kept_share
+from pipeline.evaluation.paired import AUC_SHARE_KEPT, kept_share
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.rows import (
     COLUMN_TYPES,
@@ -50,9 +48,11 @@ from pipeline.evaluation.study_rows import (
     reconstruction_rows,
     viewpoint_rows,
 )
-from pipeline.evaluation.viewpoints import ViewpointMatches
+from pipeline.evaluation.validation import validation_auc
+from pipeline.evaluation.viewpoint_matches import ViewpointMatches
 from pipeline.formats.changes import read_changes
-from pipeline.matching.rejection import HELD_OUT, Evidence
+from pipeline.matching.rejection import VALIDATION, NoveltyEvidence
+from pipeline.perturbations import read_cases
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
 from pipeline.studies.study import Study
@@ -74,7 +74,7 @@ class ResultsTable:
     bands: Bands
     """How queries are grouped by their distance to a change of the world."""
     unseen_share: float
-    """Share of unseen queries that the held-out AUC assumes."""
+    """Share of unseen queries that the validation AUC assumes."""
 
     def table(self) -> pd.DataFrame:
         """All rows of the study."""
@@ -88,13 +88,13 @@ class ResultsTable:
         The study's further cell sizes (`cells`) have only rows of single models, of plain ones.
         """
         study = self.study
-        grids = study.all_grids if study.asks_about_the_year else ()
+        grids = study.all_grids if study.tests_over_days else ()
         for grid in [cells.name for cells in grids]:
             is_own = grid in study.grid_names
             models = [model for model in study.answerers if is_own or _is_plain(model)]
             sequences = (*study.tests, *study.stress) if is_own else study.tests
             by_method: dict[str, dict[str, Evaluation]] = {}
-            held_out: dict[str, NDArray[np.float64]] = {}
+            validation: dict[str, NDArray[np.float64]] = {}
             by_variant: dict[ModelName, dict[str, Evaluation]] = {}
             for model in models:
                 place = {"grid": grid, **model.columns}
@@ -107,27 +107,27 @@ class ResultsTable:
                 trained = {} if model.posed else self._trained(grid, model)
                 kind = driven[study.tests[0]].kinds[0]  # of novelty, the one in use
                 if trained:
-                    area = held_out_auc(Evidence.of(trained), kind, self.unseen_share)
-                    yield place | row("held_out_auc", "cells", area)
+                    area = validation_auc(NoveltyEvidence.of(trained), kind, self.unseen_share)
+                    yield place | row("validation_auc", "cells", area)
                 by_day = sorted(study.tests, key=lambda name: (driven[name].days, name))
                 tests = {name: driven[name] for name in by_day}
                 if _is_plain(model):
                     by_method[model.method] = tests
-                    novelty = trained.get(f"{HELD_OUT}seen/{kind}", ())
-                    held_out[model.method] = np.asarray(novelty, np.float64)
-                elif (study.question == "year" or model.posed) and not model.seed:
+                    novelty = trained.get(f"{VALIDATION}seen/{kind}", ())
+                    validation[model.method] = np.asarray(novelty, np.float64)
+                elif (study.experiment == "year" or model.posed) and not model.seed:
                     by_variant[model] = tests
             if is_own:
                 last = opened[sequences[-1]]
                 yield {"grid": grid} | row("correct_m", "distance", last.distance["correct_m"])
-                answers = Answers(by_method, held_out, by_variant)
+                answers = Answers(by_method, validation, by_variant)
                 rows = self._rows_across_sequences(answers, Bootstrap(**last.bootstrap))
                 yield from placed(rows, grid=grid)
 
     def _sequence_rows(
         self, sequence: str, evaluations: Evaluations, driven: Evaluation
     ) -> TableRows:
-        """Rows of one model on one sequence, as driven and altered."""
+        """Rows of one model on one sequence, unperturbed and perturbed."""
         stress = self.study.stress.get(sequence, "")
         for i, case in enumerate(read_cases(evaluations.cases)):
             evaluation = evaluations.case(i) if i else driven
@@ -136,15 +136,17 @@ class ResultsTable:
             if case.change:
                 resampling = Bootstrap(**evaluations.bootstrap)
                 kept = kept_share(evaluation, driven, "cells", resampling)
-                yield columns | row(KEPT, "cells", *kept)
+                yield columns | row(AUC_SHARE_KEPT, "cells", *kept)
             elif self.study.slam:
-                yield from (columns | row(NO_SURVEY, protocol, 1.0) for protocol in PROTOCOLS)
+                yield from (
+                    columns | row(NO_REFERENCE_POSES, protocol, 1.0) for protocol in PROTOCOLS
+                )
 
     def _rows_across_sequences(self, answers: Answers, bootstrap: Bootstrap) -> TableRows:
         """Rows that take the evaluations of several sequences or methods."""
         yield from ageing_rows(answers, self.ageing)
         yield from paired_rows(answers, bootstrap)
-        if self.study.question == "robustness":
+        if self.study.experiment == "robustness":
             changes = {name: read_changes(self._path("events", name)) for name in self.study.tests}
             yield from event_rows(answers, changes, self.bands, bootstrap)
 
@@ -176,7 +178,7 @@ class ResultsTable:
                 yield from placed(rows, grid=grid, **model.columns)
 
     def evaluation(self, grid: str, model: ModelName, sequence: str) -> Evaluation:
-        """Read a model's evaluation in one sequence as driven."""
+        """Read a model's evaluation in one unperturbed sequence."""
         return self._evaluations(grid, model, sequence).case()
 
     def _evaluations(self, grid: str, model: ModelName, sequence: str) -> Evaluations:
@@ -229,7 +231,7 @@ def _read_csv(path: Path) -> pd.DataFrame:
         )[[*COLUMNS]]
     except (ValueError, KeyError) as error:
         raise ArtifactError(
-            f"{path}: not a table of results ({str(error).strip()}); `dvc repro` writes it anew"
+            f"{path}: not a table of results ({str(error).strip()}); `dvc repro` rewrites it"
         ) from None
 
 

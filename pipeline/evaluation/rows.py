@@ -12,10 +12,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.alterations import Case
 from pipeline.evaluation.bootstrap import Estimate
 from pipeline.evaluation.calibration import ece
-from pipeline.evaluation.judgement import Evaluation
+from pipeline.evaluation.evaluations import Evaluation
 from pipeline.evaluation.numbers import (
     LEVEL_POSES,
     MEASURES,
@@ -26,6 +25,7 @@ from pipeline.evaluation.numbers import (
     average,
 )
 from pipeline.evaluation.protocols import PROTOCOLS
+from pipeline.perturbations import Case
 
 TableRows = Iterator[dict[str, Any]]
 """Rows, each from column to value. Columns are left out that the caller adds to all rows, and those
@@ -64,7 +64,7 @@ COLUMNS = tuple(COLUMN_TYPES)
 TEXT_COLUMNS = tuple(name for name, kind in COLUMN_TYPES.items() if kind is str)
 FLOAT_COLUMNS = tuple(name for name, kind in COLUMN_TYPES.items() if kind is float)
 UNPERTURBED = "unperturbed"
-"""The queries as they were driven, and what follows from these alone."""
+"""The unperturbed queries, and what follows from these alone."""
 STRESS = "stress"
 """The same of a stress sequence; `of` is what is hard about it."""
 PERTURBED = "perturbed"
@@ -88,7 +88,7 @@ WITH_SHADOW = " with shadow"
 def case_text(case: Case) -> str:
     """A case in a word or two: `turned 0`, `demolition 60°`, `construction 2 walls, shadow`.
 
-    Empty for queries as driven.
+    Empty for unperturbed queries.
     """
     detail = ""
     if case.change == "demolition":
@@ -119,7 +119,7 @@ def evaluation_rows(
 ) -> TableRows:
     """Rows of one case of an evaluation: counts, numbers with intervals, calibration, verdicts.
 
-    For queries as driven, the doubts about the numbers and each kind of novelty have rows too.
+    For unperturbed queries, the caveats about the numbers and each kind of novelty have rows too.
     `stress` is what is hard about the sequence; empty for a test sequence.
     """
     columns = case_columns(case, stress)
@@ -127,15 +127,15 @@ def evaluation_rows(
         yield from number_rows(columns, protocol, _numbers(evaluation, protocol))
         if case.change:
             continue
-        yield from number_rows(columns, protocol, evaluation.doubts(protocol))
-        for kind, rejection, kept_precision in zip(
+        yield from number_rows(columns, protocol, evaluation.caveats(protocol))
+        for kind, rejection, validation_precision in zip(
             evaluation.kinds,
             evaluation.protocol(protocol).rejection,
-            evaluation.kept_precision,
+            evaluation.validation_precision,
             strict=True,
         ):
             measures = dict(zip(MEASURES, rejection, strict=True))
-            measures["kept_precision"] = kept_precision
+            measures["validation_precision"] = validation_precision
             yield from number_rows({"ask": NOVELTY, "of": kind}, protocol, measures)
     calibration = dict(zip(("ece_raw", "ece"), evaluation.calibration, strict=True))
     yield from number_rows(columns, "cells", calibration)
@@ -143,7 +143,7 @@ def evaluation_rows(
     yield from number_rows(columns, "distance", counts)
     if evaluation.has_poses:
         verdicts = {f"{verdict}_99": count for verdict, count in evaluation.verdicts.items()}
-        error = ece(evaluation.pose_chances, evaluation.pose_right)
+        error = ece(evaluation.pose_probabilities, evaluation.pose_right)
         yield from number_rows(columns, "distance", verdicts | {"pose_ece": error})
 
 
@@ -160,8 +160,8 @@ def _numbers(evaluation: Evaluation, protocol: str) -> dict[str, Any]:
         "threshold": evaluation.reject_from[0],
         "turned_share": average(np.abs(evaluation.turn_deg[judgement.seen]) > SAME_HEADING_DEG),
         "answered": judgement.answered,
-        "kept_precision": evaluation.kept_precision[0],
-        "wanted_precision": evaluation.wanted_precision,
+        "validation_precision": evaluation.validation_precision[0],
+        "target_precision": evaluation.target_precision,
     }
     is_level = evaluation.right_within == WITHIN[LEVEL_POSES]
     for name, value_and_bounds in zip(NUMBERS, judgement.numbers, strict=True):

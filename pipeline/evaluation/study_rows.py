@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from pipeline.evaluation.ageing import Ageing, newness
 from pipeline.evaluation.bootstrap import Bootstrap, Estimate
+from pipeline.evaluation.evaluations import Evaluation
 from pipeline.evaluation.events import NUMBERS as NEAR_CHANGES
 from pipeline.evaluation.events import Bands, distances, judge_by_band
-from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.paired import COMPARED, compare, holm
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.rows import (
@@ -35,8 +35,8 @@ from pipeline.evaluation.rows import (
     placed,
     row,
 )
-from pipeline.evaluation.viewpoints import NUMBERS as VIEWPOINT_NUMBERS
-from pipeline.evaluation.viewpoints import ViewpointMatches
+from pipeline.evaluation.viewpoint_matches import NUMBERS as VIEWPOINT_NUMBERS
+from pipeline.evaluation.viewpoint_matches import ViewpointMatches
 from pipeline.formats.changes import Change
 from pipeline.studies.models import ModelName
 
@@ -56,7 +56,7 @@ PER_DAYS = 100
 """Slopes are the change in this many days."""
 ORACLE = "oracle"
 """A value of the column `method`: each query is answered with the nearest training anchor."""
-RECONSTRUCTION = ("held_out_error", "black_error")
+RECONSTRUCTION = ("validation_error", "black_error")
 """Curves of a training that become rows: see `reconstruction_rows`."""
 SHOWN = "shown"
 TO_COME = "to come"
@@ -66,13 +66,13 @@ for queries near one that will show later."""
 
 @dataclass(frozen=True)
 class Answers:
-    """The evaluations of a study at one cell size, of queries as driven."""
+    """The evaluations of a study at one cell size, of unperturbed queries."""
 
     evaluations: Mapping[str, Mapping[str, Evaluation]]
     """The evaluations of each method with its own settings, by test sequence in the order of
     days."""
-    held_out: Mapping[str, NDArray[np.float64]]
-    """Method to the novelties in use (h,) of queries on held-out blocks of training."""
+    validation: Mapping[str, NDArray[np.float64]]
+    """Method to the novelties in use (h,) of queries on validation blocks of training."""
     variants: Mapping[ModelName, Mapping[str, Evaluation]] = field(default_factory=dict)
     """The evaluations of variants, and of answers with poses, by test sequence. They are only
     compared with the reference."""
@@ -102,7 +102,7 @@ def ageing_rows(answers: Answers, ageing: Ageing) -> TableRows:
             method: [evaluation.number(protocol, number) for evaluation in evaluations.values()]
             if number != PERCENTILE
             else [
-                Estimate(newness(evaluation, answers.held_out.get(method, np.empty(0))))
+                Estimate(newness(evaluation, answers.validation.get(method, np.empty(0))))
                 for evaluation in evaluations.values()
             ]
             for method, evaluations in answers.evaluations.items()
@@ -250,7 +250,8 @@ def viewpoint_rows(matches: ViewpointMatches) -> TableRows:
 
 
 def reconstruction_rows(model: Mapping[str, NDArray[Any]]) -> TableRows:
-    """Rows of how well a network reconstructs held-out images of training: its mean squared error.
+    """Rows of how well a network reconstructs validation images of training: its mean squared
+    error.
 
     Beside it stands the error of a black image. Both are of the round whose weights were kept; a
     method without a network that reconstructs has no such rows.

@@ -264,7 +264,7 @@ class Publisher:
             path.unlink()
             raise LogError(
                 f"{path}: its sha256 is {digest}, {source} says {expected_digest}; damaged, or "
-                "changed by its publisher: it is removed, fetch it anew"
+                "changed by its publisher: it is removed, fetch it again"
             )
         return digest
 
@@ -295,7 +295,7 @@ def _listing_digest(store: Path, fetch: Fetch) -> str:
             (fetch.folder / archive.target).unlink()
         raise LogError(
             f"{fetch.folder}: {fetch.name} have the sha256 {digest}, expected "
-            f"{fetch.listing_sha256}; removed, fetch them anew"
+            f"{fetch.listing_sha256}; removed, fetch them again"
         )
     return digest
 

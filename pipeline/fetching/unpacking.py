@@ -56,7 +56,7 @@ def unpack(path: Path, folder: Path, target: str) -> int:
         tarfile.TarError,
     ) as error:
         path.unlink()
-        raise LogError(f"{path}: damaged ({error}), and removed; fetch it anew") from None
+        raise LogError(f"{path}: damaged ({error}), and removed; fetch it again") from None
     except OSError as error:
         raise LogError(f"{path}: cannot be unpacked ({error.strerror})") from None
     finally:

@@ -205,7 +205,7 @@ def _why(path: Path, error: Exception) -> str:
         with path.open("rb") as file:
             head = file.read(64)
         if not head:
-            return "an empty file; record or fetch it anew"
+            return "an empty file; record or fetch it again"
         version = re.match(rb"#ROS[A-Z]+ V(\d+\.\d+)", head)
         if version and version[1] != b"2.0":
             return (

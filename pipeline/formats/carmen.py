@@ -142,7 +142,7 @@ def _text(path: Path) -> str:
     except (FileNotFoundError, IsADirectoryError):
         raise LogError(f"{path}: no such file") from None
     except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-        raise LogError(f"{path}: no whole gzip file ({error}); fetch it anew") from None
+        raise LogError(f"{path}: no whole gzip file ({error}); fetch it again") from None
     if len(data) > LARGEST_BYTES:
         raise LogError(f"{path}: unpacks to more than {LARGEST_BYTES >> 20} MiB; split the log")
     return data.decode("utf-8", "replace")

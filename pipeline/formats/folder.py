@@ -180,7 +180,7 @@ def _npy(data: bytes, path: Path) -> NDArray[np.float64]:
         shape, is_fortran_order, dtype = read_header(file)
     except Exception as error:  # the header is a Python literal, whose parser may raise anything
         raise LogError(
-            f"{path}: no whole .npy file ({type(error).__name__}); save it anew"
+            f"{path}: no whole .npy file ({type(error).__name__}); save it again"
         ) from None
     refuse_array(path, dtype, shape)
     body = memoryview(data)[file.tell() :]

@@ -59,7 +59,7 @@ class Keys:
 
 @dataclass(frozen=True)
 class GridMap:
-    """An occupancy grid, laid out as in ROS."""
+    """An occupancy grid, placed as in ROS."""
 
     occupancy: NDArray[np.int8]
     """(row, col) in percent, UNKNOWN where nothing is known; row 0 is the lowest of the image."""
@@ -154,5 +154,5 @@ def _image(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         raise ArtifactError(f"{path}: no such image, though the map's yaml names it") from None
     except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:80]
-        raise ArtifactError(f"{path}: no readable image ({reason}); save the map anew") from None
+        raise ArtifactError(f"{path}: no readable image ({reason}); save the map again") from None
     return colours.mean(axis=2) / 255, is_opaque

@@ -25,11 +25,11 @@ BODY_T_VELODYNE_XYZRPH = (0.002, -0.004, -0.957, 0.807, 0.166, -90.703)
 
 SCANS = "velodyne_sync"
 PACKETS = "velodyne_hits.bin"
-TRUTH = "groundtruth_{sequence}.csv"
+GROUND_TRUTH = "groundtruth_{sequence}.csv"
 ODOMETRY = "odometry_mu_100hz.csv"
 COVARIANCE = "odometry_cov.csv"
 """Names of the files in the folder of one sequence."""
-TRUTH_PLACES = (f"{{sequence}}/{TRUTH}", TRUTH, f"ground_truth/{TRUTH}")
+GROUND_TRUTH_PLACES = (f"{{sequence}}/{GROUND_TRUTH}", GROUND_TRUTH, f"ground_truth/{GROUND_TRUTH}")
 ODOMETRY_PLACES = (f"{{sequence}}/{ODOMETRY}", f"sensor_data/{{sequence}}/{ODOMETRY}")
 COVARIANCE_PLACES = (f"{{sequence}}/{COVARIANCE}", f"sensor_data/{{sequence}}/{COVARIANCE}")
 """Where the files may lie below the root of the data set, in the order of search."""

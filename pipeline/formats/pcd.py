@@ -104,7 +104,7 @@ def parse(data: bytes, path: Path) -> Header:
             entries[words[0]] = words[1:]
     if entries.get("VERSION", ["0.7"])[-1:] not in (["0.7"], [".7"]):
         raise LogError(
-            f"{path}: PCD version {' '.join(entries['VERSION'])}; expected 0.7: save it anew"
+            f"{path}: PCD version {' '.join(entries['VERSION'])}; expected 0.7: save it again"
         )
     fields = tuple(entries.get("FIELDS", []))
     sizes = entries.get("SIZE", [])

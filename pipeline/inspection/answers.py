@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.schemas import Labels, Rankings
-from pipeline.evaluation.judgement import Evaluation, Evaluations
+from pipeline.evaluation.evaluations import Evaluation, Evaluations
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.inspection.inspection import Inspection, metres
 
@@ -59,7 +59,7 @@ def add_labels(artifact: Labels, inspection: Inspection) -> None:
 
 
 def add_rankings(artifact: Rankings, inspection: Inspection) -> None:
-    """Add numbers on the answers of the method, without comparing them with the truth."""
+    """Add numbers on the answers of the method, without comparing them with the ground truth."""
     places = artifact.places
     confidence = artifact.confidence
     queries = ("queries", f"{len(places):,}, {places.shape[1]} places each")
@@ -90,25 +90,27 @@ def add_rankings(artifact: Rankings, inspection: Inspection) -> None:
 
 def _novelty_rows(artifact: Rankings) -> list[tuple[str, str]]:
     """A row for each kind of novelty: its distribution, and how many queries it rejects."""
-    wanted_precision = artifact.wanted_precision
+    target_precision = artifact.target_precision
     rows = []
     for kind, threshold, values, precision in zip(
         artifact.kinds,
         artifact.thresholds,
         artifact.novelty.T,
-        artifact.kept_precision,
+        artifact.validation_precision,
         strict=True,
     ):
         rejected_share = f"{100 * (values >= threshold).mean():.1f} %"
         text = f"{_quantiles(values)}; rejects {rejected_share} from {threshold:.4g} on"
-        if precision < wanted_precision:
-            text += f"; keeps {precision:.3f} of the wanted {wanted_precision:g} on held-out blocks"
+        if precision < target_precision:
+            text += (
+                f"; keeps {precision:.3f} of the wanted {target_precision:g} on validation blocks"
+            )
         rows.append((kind, text))
     return rows
 
 
 def add_evaluations(artifact: Evaluations, inspection: Inspection) -> None:
-    """Add the results of the queries as driven, by both protocols: by cells and by distance."""
+    """Add the results of the unperturbed queries, by both protocols: by cells and by distance."""
     evaluation = artifact.case()
     inspection.add(
         "",

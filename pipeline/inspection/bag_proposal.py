@@ -11,7 +11,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.frames import moved
+from pipeline.core.frames import transformed
 from pipeline.formats.bag import SWEEP
 from pipeline.formats.bag_file import plain
 from pipeline.inspection.inspection import typographic
@@ -32,14 +32,15 @@ MIN_CLOUD_POINTS = 1_000
 def propose(contents: Contents) -> tuple[str, list[str]]:
     """The text of a file for conf/dataset, and warnings for its user.
 
-    The text names points, truth, odometry and extrinsics. Raises LogError for bags without points.
+    The text names points, ground truth, odometry and extrinsics. Raises LogError for bags without
+    points.
     """
     best_poses, odometry = pose_sources(contents)
     points = points_source(contents, best_poses)
     is_sweep = points.kind == SWEEP
     warnings: list[str] = []
-    # the best poses are the truth, unless they drift; sweeps also need them as odometry
-    truth = best_poses
+    # the best poses are the ground truth, unless they drift; sweeps also need them as odometry
+    ground_truth = best_poses
     if best_poses is None:
         warnings.append(_without_poses(contents, is_sweep))
     else:
@@ -49,10 +50,10 @@ def propose(contents: Contents) -> tuple[str, list[str]]:
         if odometry is None and (is_sweep or drifts):
             odometry = best_poses
             if not is_sweep:
-                truth = None
+                ground_truth = None
     body_T_lidar, extrinsic = _extrinsic(contents, points, best_poses, warnings)
     lift_m, lift = _lift(contents, points, body_T_lidar)
-    imu = None if truth or odometry else gyroscope(contents)
+    imu = None if ground_truth or odometry else gyroscope(contents)
     gap_s = 0.5
     if best_poses and best_poses.rate_hz > 0:
         gap_s = max(gap_s, round(3 / best_poses.rate_hz, 1))  # two lost messages are no gap
@@ -65,7 +66,7 @@ simulated: false
 reader:
   _target_: pipeline.readers.bag.Bag
   points: {_word(points.name)} # {shape}, {_rate(points.rate_hz)}, in the frame {frame}
-  truth: {_source_line(truth)}
+  ground_truth: {_source_line(ground_truth)}
   odometry: {_source_line(odometry)}
   imu: {_imu_line(imu)}
   body_T_lidar: null # {extrinsic}
@@ -104,7 +105,7 @@ def _without_poses(contents: Contents, is_sweep: bool) -> str:
 
 def _with_odometry_alone(poses: TopicSummary, is_sweep: bool) -> str:
     """The warning on bags whose best source of poses drifts."""
-    drift = f"the only poses are in the frame {poses.frame}, which starts anew with each drive"
+    drift = f"the only poses are in the frame {poses.frame}, which starts again with each drive"
     if is_sweep:
         return (
             f"{drift}: sequences share no places; a study over several drives needs poses in one "
@@ -113,7 +114,7 @@ def _with_odometry_alone(poses: TopicSummary, is_sweep: bool) -> str:
     return (
         f"{drift}: they are the odometry; `yearloc use NAME root=FOLDER train=DRIVE poses=slam` "
         "estimates poses in one frame from the scans. To split a single drive, "
-        f"{poses.name} may be named as truth"
+        f"{poses.name} may be named as ground truth"
     )
 
 
@@ -163,7 +164,7 @@ def _lift(
     heights_m: list[float] = []
     if body_T_lidar is not None:
         for cloud in contents.clouds(points):
-            body_cloud = moved(body_T_lidar, cloud)
+            body_cloud = transformed(body_T_lidar, cloud)
             if len(cloud) >= MIN_CLOUD_POINTS:
                 range_m = np.hypot(body_cloud[:, 0], body_cloud[:, 1])
                 heights_m.append(ground(body_cloud, range_m))

@@ -22,7 +22,7 @@ UNKNOWN = (float("nan"),) * 3
 RAISED_M = 0.5
 """A ground farther than this from z = 0 was not put there by a reader. If it is that far below, the
 origin of the cloud is taken for the sensor."""
-SURVEYED_SCANS = 5
+SAMPLED_SCANS = 5
 """Scans of a log that are diagnosed."""
 HEADER = (
     "scan",
@@ -37,7 +37,7 @@ HEADER = (
     "ground",
     "sensor above it",
 )
-"""Titles of the columns of a survey's table."""
+"""Titles of the columns of a sample's table."""
 
 
 @dataclass(frozen=True)
@@ -157,13 +157,13 @@ def diagnose(
 
 
 def spread(count: int) -> list[int]:
-    """At most SURVEYED_SCANS rows, evenly spread over `count` rows, from the first to the last."""
+    """At most SAMPLED_SCANS rows, evenly spread over `count` rows, from the first to the last."""
     if not count:
         return []
-    return sorted({int(row) for row in np.linspace(0, count - 1, SURVEYED_SCANS).round()})
+    return sorted({int(row) for row in np.linspace(0, count - 1, SAMPLED_SCANS).round()})
 
 
-def survey(
+def describe_sample(
     inspection: Inspection, count: int, points: Callable[[int], NDArray[np.floating]], frame: str
 ) -> None:
     """Diagnose a few of `count` scans: add a table, and one warning for each kind of symptom.
@@ -197,7 +197,7 @@ def survey(
 
 
 def _cells(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """The cells of a diagnosis in a survey's table, after the number of its scan."""
+    """The cells of a diagnosis in a sample's table, after the number of its scan."""
 
     def height(height_m: float) -> str:
         return "–" if np.isnan(height_m) else typographic(f"{height_m:.2f} m")

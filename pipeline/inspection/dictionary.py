@@ -1,6 +1,6 @@
 """Lists the kinds of artifacts, and generates the data dictionary in docs/artifacts.md from them.
 
-`python -m pipeline.inspection.dictionary` writes it anew; a test checks that it is up to date.
+`python -m pipeline.inspection.dictionary` rewrites it; a test checks that it is up to date.
 """
 
 from collections.abc import Iterator
@@ -19,8 +19,8 @@ from pipeline.core.schemas import (
     Verdicts,
 )
 from pipeline.core.store import Artifact
-from pipeline.evaluation.judgement import Evaluations
-from pipeline.evaluation.viewpoints import ViewpointMatches
+from pipeline.evaluation.evaluations import Evaluations
+from pipeline.evaluation.viewpoint_matches import ViewpointMatches
 
 KINDS: dict[str, type[Artifact]] = {
     schema.kind: schema
@@ -71,7 +71,7 @@ def _section(schema: type[Artifact]) -> Iterator[str]:
 
 
 def main() -> None:
-    """Write the tables of docs/artifacts.md anew."""
+    """Write the tables of docs/artifacts.md again."""
     path = Path(__file__).parents[2] / "docs/artifacts.md"
     path.write_text(page(path.read_text(encoding="utf-8")), encoding="utf-8")
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.frames import step_lengths_m
 from pipeline.core.schemas import Scans, Submaps, Views
-from pipeline.inspection.cloud import survey
+from pipeline.inspection.cloud import describe_sample
 from pipeline.inspection.columns import blocks
 from pipeline.inspection.inspection import Inspection, box, duration, metres, moment, typographic
 
@@ -22,7 +22,7 @@ EMPTY_SHARE = 0.995
 def add_scans(artifact: Scans, inspection: Inspection) -> None:
     """Add numbers on the drive, and the diagnoses of a few of its clouds."""
     rows = _drive_rows(artifact, inspection, "world_T_scan", "scans")
-    has_truth = np.isfinite(artifact.world_T_scan).all(axis=(1, 2))
+    has_ground_truth = np.isfinite(artifact.world_T_scan).all(axis=(1, 2))
     has_odometry = np.isfinite(artifact.odom_T_scan).all(axis=(1, 2))
     offsets = artifact.offsets
     grain_m = artifact.grain_m
@@ -34,10 +34,10 @@ def add_scans(artifact: Scans, inspection: Inspection) -> None:
         )
         rows += [
             ("points a scan", points_a_scan),
-            ("true place", f"at {100 * has_truth.mean():.3g} % of the scans"),
+            ("true place", f"at {100 * has_ground_truth.mean():.3g} % of the scans"),
             ("odometry", f"at {100 * has_odometry.mean():.3g} % of the scans"),
         ]
-    unposed_count = int((~has_truth & ~has_odometry).sum())
+    unposed_count = int((~has_ground_truth & ~has_odometry).sum())
     inspection.warn_if(
         unposed_count,
         f"{unposed_count} scans have neither a true pose nor odometry: `dvc repro` them",
@@ -59,7 +59,7 @@ def add_scans(artifact: Scans, inspection: Inspection) -> None:
             f"{empty_count} scans hold no point: their views would be blank; look at the log's "
             "files",
         )
-        survey(inspection, len(sizes), points, VEHICLE)
+        describe_sample(inspection, len(sizes), points, VEHICLE)
 
 
 def add_submaps(artifact: Submaps, inspection: Inspection) -> None:
@@ -73,7 +73,7 @@ def add_submaps(artifact: Submaps, inspection: Inspection) -> None:
         rows += [
             (
                 "gathers",
-                f"{scan_counts.min():,} … {scan_counts.max():,} scans each, laid out by "
+                f"{scan_counts.min():,} … {scan_counts.max():,} scans each, placed by "
                 f"{artifact.layout}",
             ),
             (

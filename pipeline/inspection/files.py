@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.core.errors import LogError
-from pipeline.core.frames import flip_ned, moved, pose
+from pipeline.core.frames import flip_ned, pose, transformed
 from pipeline.formats import bin_layout, folder, kitti, nclt, pcd
 from pipeline.inspection.cloud import diagnose
 from pipeline.inspection.inspection import Inspection, duration, moment, nbytes
@@ -50,7 +50,7 @@ def describe_scan_file(path: Path, as_format: str | None, inspection: Inspection
     }
     describe = describe_by_format[format_of(path, as_format)]
     if not path.stat().st_size:
-        raise LogError(f"{path}: empty; expected records of one scan: fetch the file anew")
+        raise LogError(f"{path}: empty; expected records of one scan: fetch the file again")
     describe(path, inspection)
 
 
@@ -101,7 +101,7 @@ def _describe_kitti_scan(path: Path, inspection: Inspection) -> None:
     inspection.warn_if(
         nonfinite_count,
         f"NaN/inf points: {nonfinite_count:,} of {nonfinite_count + len(points):,}; the reader "
-        "drops them: fetch the file anew",
+        "drops them: fetch the file again",
     )
     is_outside = float(np.nanmin(reflectance)) < 0 or float(np.nanmax(reflectance)) > 255
     inspection.warn_if(
@@ -124,7 +124,7 @@ def _describe_packets(path: Path, inspection: Inspection) -> None:
     lasers = (hits[:, 3] >> 8).astype(np.uint8)
     xyzrph = np.array([nclt.BODY_T_VELODYNE_XYZRPH])
     body_T_velodyne = flip_ned(pose(xyzrph[:, :3], np.radians(xyzrph[:, 3:])))[0]
-    points = moved(body_T_velodyne, nclt.decode(hits.ravel()))
+    points = transformed(body_T_velodyne, nclt.decode(hits.ravel()))
     inspection.kind = "NCLT Velodyne packets"
     inspection.add(
         "",

@@ -41,7 +41,7 @@ def describe_sweep(path: Path, inspection: Inspection) -> None:
     """
     data = log.read_bytes(path, robotcar.RECORD_BYTES, "returns")
     if not data:
-        raise LogError(f"{path}: empty; expected the returns of one sweep: fetch the file anew")
+        raise LogError(f"{path}: empty; expected the returns of one sweep: fetch the file again")
     rows = robotcar.decode_sweep(data)
     points = read_sweep(path, PLANE)
     range_m = np.hypot(points[:, 0], points[:, 1])

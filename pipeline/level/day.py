@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from pipeline.core.schemas import Scans
 from pipeline.level.field import Field
 from pipeline.level.fix import LevelFixer
-from pipeline.level.held_out import LevelHeldOut, Sweeps
 from pipeline.level.level_map import Drawing, LevelMap
 from pipeline.level.sweeps import OVER_M, Gathered
-from pipeline.level.verdict import LARGEST_DOUBT, USUAL, verdict_of
+from pipeline.level.validation import LevelValidation, Sweeps
+from pipeline.level.verdict import LARGEST_ERROR_PROBABILITY, USUAL, verdict_of
 from pipeline.posing.answers import PosedQuery
-from pipeline.posing.learning import Learned, basis
-from pipeline.posing.verdict import BELIEFS, Verdict
+from pipeline.posing.learned_verdict import Learned, basis
+from pipeline.posing.verdict import CLAIMS, Verdict
 
 
 @dataclass(frozen=True)
@@ -36,19 +36,19 @@ class LevelDay:
         cls,
         sweeps: Sweeps,
         unseen_share: float,
-        held_out: LevelHeldOut,
+        validation: LevelValidation,
         learned: Learned | None = None,
     ) -> Self:
-        """Draw the sweeps into a map, and test the verdict on held-out stretches of them.
+        """Draw the sweeps into a map, and test the verdict on validation stretches of them.
 
         `unseen_share` is the share of queries to expect from places that the map does not have.
-        Where a verdict was `learned` before, nothing is held out.
+        Where a verdict was `learned` before, nothing is kept for validation.
         """
         rows = range(len(sweeps.world_T_sweep))
         drawing = Drawing.of([sweeps.points(row) for row in rows], sweeps.world_T_sweep)
         fixer = LevelFixer()
         if learned is None:
-            evidence = held_out.evidence(fixer, sweeps, drawing, OVER_M)
+            evidence = validation.evidence(fixer, sweeps, drawing, OVER_M)
             learned = Learned.of(evidence, verdict_of(evidence, unseen_share))
         return cls(drawing.level_map(), learned, fixer)
 
@@ -63,23 +63,26 @@ class LevelDay:
         return Field.of(self.level_map)
 
     def queries(self, scans: Scans, rows: NDArray[np.int64]) -> list[PosedQuery]:
-        """What is believed of the scans `rows` (n,), each gathered with those before it."""
+        """What is accepted of the scans `rows` (n,), each gathered with those before it."""
         gathered = Sweeps.of(scans).gathered(rows.tolist(), OVER_M)
         return [self.query(gathered[row]) for row in rows.tolist()]
 
     def query(self, gathered: Gathered) -> PosedQuery:
-        """The poses of gathered sweeps, their chances, and the doubt in each belief.
+        """The poses of gathered sweeps, their probabilities, and the error probability in each
+        claim.
 
-        All doubts are 1 where the laser seems to be mounted otherwise than was said.
+        All error probabilities are 1 where the laser seems to be mounted otherwise than was said.
         """
         fix = self.fixer.fix(self.field, gathered).ordered(USUAL.pose)
         query = PosedQuery.of(fix, USUAL)
-        may_be_believed = fix.hypotheses and (query.doubts < LARGEST_DOUBT).any()
-        if may_be_believed and self.fixer.is_misread(self.field, gathered, fix):
-            return replace(query, doubts=np.ones(len(BELIEFS)))
+        may_be_accepted = (
+            fix.hypotheses and (query.error_probabilities < LARGEST_ERROR_PROBABILITY).any()
+        )
+        if may_be_accepted and self.fixer.is_misread(self.field, gathered, fix):
+            return replace(query, error_probabilities=np.ones(len(CLAIMS)))
         return query
 
 
 def sweeps_basis(sweeps: Sweeps, unseen_share: float) -> str:
-    """What the verdict of a day of sweeps is learned with (posing/learning.py)."""
+    """What the verdict of a day of sweeps is learned with (posing/learned_verdict.py)."""
     return basis(sweeps.world_T_sweep.tobytes(), unseen_share=unseen_share)

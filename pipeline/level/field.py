@@ -99,9 +99,9 @@ class Pyramid:
     """(level, row, col) the largest likelihood in the square of 2**level cells a side that begins
     at (row, col)."""
     phases: NDArray[np.uint8]
-    """(phase row, phase col, block) the coarsest level once more. Blocks are its squares laid side
-    by side, numbered row by row; a phase is where in its block a cell lies. So for one phase the
-    values of neighbouring blocks are neighbours in memory."""
+    """(phase row, phase col, block) the coarsest level once more. Blocks are its squares placed
+    side by side, numbered row by row; a phase is where in its block a cell lies. So for one phase
+    the values of neighbouring blocks are neighbours in memory."""
     block_cols: int
     """How many blocks there are in a row."""
     can_stand: NDArray[np.uint8]

@@ -2,7 +2,7 @@
 
 The steps of METHODS 13.3: search the whole map (search.py), refine the best poses (refinement.py),
 follow the beams (beams.py), and keep one of those that became the same. Each pose that is left is a
-hypothesis; its `signs` speak for it, and verdict.py makes a chance of them.
+hypothesis; its `features` speak for it, and verdict.py makes a probability of them.
 """
 
 from dataclasses import dataclass, replace
@@ -18,10 +18,10 @@ from pipeline.level.field import Field
 from pipeline.level.refinement import refined
 from pipeline.level.search import APART_DEG, APART_M, mean_likelihoods, search
 from pipeline.level.sweeps import Gathered
-from pipeline.posing.chances import Chances
 from pipeline.posing.fix import Registered
+from pipeline.posing.probabilities import Probabilities
 
-SIGNS = ("likely", "in_free", "through", "surety", "ahead")
+FEATURES = ("likely", "in_free", "through", "surety", "ahead")
 """What speaks for a hypothesis, the more the better:
 
 - likely: its score;
@@ -31,7 +31,7 @@ SIGNS = ("likely", "in_free", "through", "surety", "ahead")
   taken for LEAST_RATIO of its own.
 """
 SCALES = np.array([0.15, 0.05, 0.1, 0.3, 0.1])
-"""A usual difference of each sign between hypotheses: it scales the weights that are learned."""
+"""A usual difference of each feature between hypotheses: it scales the weights that are learned."""
 LEAST_SPREAD_M = 0.01
 """A smaller spread counts as this."""
 MAP_VARIANCE = 1e-9
@@ -94,11 +94,11 @@ class LevelFix(Registered[Hypothesis]):
     path_m: float = 0.0
     """The length of path over which the query's sweeps were gathered."""
 
-    def ordered(self, chances: Chances) -> Self:
-        """The same hypotheses in the order of their chances."""
-        order = np.argsort(-chances.of(self.signs), kind="stable").tolist()
+    def ordered(self, probabilities: Probabilities) -> Self:
+        """The same hypotheses in the order of their probabilities."""
+        order = np.argsort(-probabilities.of(self.features), kind="stable").tolist()
         ordered = replace(self, hypotheses=tuple(self.hypotheses[number] for number in order))
-        return replace(ordered, chances=tuple(chances.of(ordered.signs).tolist()))
+        return replace(ordered, probabilities=tuple(probabilities.of(ordered.features).tolist()))
 
     @property
     def elsewhere(self) -> list[int]:
@@ -111,8 +111,8 @@ class LevelFix(Registered[Hypothesis]):
         return super().covariance if self.hypotheses else np.full((6, 6), np.nan)
 
     @property
-    def signs(self) -> NDArray[np.float64]:
-        """The signs (n, sign) of the hypotheses, in the order of SIGNS."""
+    def features(self) -> NDArray[np.float64]:
+        """The features (n, feature) of the hypotheses, in the order of FEATURES."""
         quality = np.array([hypothesis.quality for hypothesis in self.hypotheses])
         # without another hypothesis; with one it is the most that counts
         ahead = (1 - LEAST_RATIO) * np.maximum(quality, 0)
@@ -120,16 +120,16 @@ class LevelFix(Registered[Hypothesis]):
             is_itself = np.eye(len(quality), dtype=bool)
             best_other = np.where(is_itself, -np.inf, quality).max(axis=1)
             ahead = np.minimum(quality - best_other, ahead)
-        signs = np.zeros((len(quality), len(SIGNS)))
+        features = np.zeros((len(quality), len(FEATURES)))
         for number, hypothesis in enumerate(self.hypotheses):
-            signs[number] = (
+            features[number] = (
                 hypothesis.score,
                 -hypothesis.support.in_free,
                 -hypothesis.support.through,
                 -np.log10(max(hypothesis.spread_m, LEAST_SPREAD_M)),
                 ahead[number],
             )
-        return signs
+        return features
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ class LevelFixer:
     def is_misread(
         self, field: Field, gathered: Gathered, level_fix: Registered[Hypothesis]
     ) -> bool:
-        """Whether the laser may be mounted otherwise than was said, so that no fix is believed.
+        """Whether the laser may be mounted otherwise than was said, so that no fix is accepted.
 
         That is so if odometry contradicts its sweeps, or if these fit about as well with left and
         right exchanged, as those of a laser that is upside down do.

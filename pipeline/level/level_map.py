@@ -13,14 +13,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
-from pipeline.core.frames import moved
+from pipeline.core.frames import transformed
 
 UNKNOWN = -1
 FREE = 0
 OCCUPIED = 100
 """Values of a cell that is drawn; maps from elsewhere have any percentage between FREE and this."""
 WALL_PERCENT = 50
-"""A cell is a wall if it is occupied with this chance or a higher one."""
+"""A cell is a wall if it is occupied with this probability or a higher one."""
 FINEST_M = 0.01
 COARSEST_M = 0.5
 MOST_CELLS = 50_000_000
@@ -39,7 +39,7 @@ class LevelMap:
     """An occupancy grid, as ROS has it: row 0 is the lowest, column 0 the leftmost."""
 
     occupancy: NDArray[np.int8]
-    """(row, col) chance in percent that a cell is occupied; UNKNOWN where no beam came."""
+    """(row, col) probability in percent that a cell is occupied; UNKNOWN where no beam came."""
     cell_m: float
     origin: tuple[float, float, float]
     """x, y in metres and yaw in radians, in the world, of the outer corner of cell (0, 0)."""
@@ -129,7 +129,7 @@ class Drawing:
         where no hit is within range, or the grid would be too large.
         """
         ends_of_sweeps = [
-            moved(pose, _finite(sweep)[:, :2])
+            transformed(pose, _finite(sweep)[:, :2])
             for sweep, pose in zip(sweeps_m, world_T_sweep, strict=True)
         ]
         sweep = np.arange(len(ends_of_sweeps)).repeat([len(ends) for ends in ends_of_sweeps])

@@ -20,7 +20,7 @@ SHORTEST_STEP_M = 1e-3
 LEAST_TURN_RAD = 1e-4
 """A step is shortened to LONGEST_STEP_M; after one shorter than these two the pose is found."""
 DEPENDENT_HITS = 20.0
-"""So many neighbouring hits tell as much as one, since their errors are alike."""
+"""So many neighbouring hits tell as much as one, since their errors are similar."""
 RANGE_ERROR_M = 0.05
 """Standard deviation of a hit's distance from its wall."""
 LEAST_INFORMATION = 1e-3

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline.core.frames import moved, yaw
+from pipeline.core.frames import transformed, yaw
 from pipeline.level.field import REACH_M
 from pipeline.level.refinement import refine_in
 
@@ -137,7 +137,7 @@ class Gatherer:
             path_m += step_m
             last_pose = pose
             newest_T_sweep = newest_T_start @ pose
-            ends.append(moved(newest_T_sweep, hits))
+            ends.append(transformed(newest_T_sweep, hits))
             starts.append(np.broadcast_to(newest_T_sweep[:2, 2], hits.shape))
         ends_m = np.concatenate(ends)
         return Gathered(
@@ -150,7 +150,7 @@ class Gatherer:
         )
 
     def _start(self, hits: NDArray[np.float64]) -> None:
-        """Forget all sweeps, and begin anew with this one."""
+        """Forget all sweeps, and starts again with this one."""
         self._hits.clear()
         self._poses.clear()
         self._hits.append(hits)
@@ -167,7 +167,8 @@ class Gatherer:
         earlier_hits = list(self._hits)[-MATCHED_SWEEPS:]
         earlier_poses = list(self._poses)[-MATCHED_SWEEPS:]
         in_start_frame = [
-            moved(pose, earlier) for earlier, pose in zip(earlier_hits, earlier_poses, strict=True)
+            transformed(pose, earlier)
+            for earlier, pose in zip(earlier_hits, earlier_poses, strict=True)
         ]
         earlier_m = thinned(np.concatenate(in_start_frame))
         if len(hits) < 3 or len(earlier_m) < 3:

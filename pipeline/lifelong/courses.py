@@ -2,9 +2,9 @@
 
 The stage `lifelong` runs a course in one of three orders (METHODS 11.4):
 
-- `days`: surveyed days, one after the other;
+- `days`: days with reference poses, one after the other;
 - `streets`: the training day in parts;
-- `updates`: days that nobody surveyed, which the model's site learns by itself.
+- `updates`: days without reference poses, which the model's site learns by itself.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pipeline.core import schemas, store
 from pipeline.core.progress import Progress
-from pipeline.lifelong.steps import Step, streets, surveyed, updated
+from pipeline.lifelong.steps import Step, self_trained, streets, supervised
 from pipeline.mapping.gathering import submap_points
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Method, Rows
@@ -47,7 +47,7 @@ def learned(
     if order == "updates":
         site = scratch / "first.site"
         progress.tell(packing.pack(trained, site, progress))
-        return updated(
+        return self_trained(
             site, strategy, {name: drive(trained, name) for name in later_days}, progress
         )
     train = trained.train
@@ -56,9 +56,9 @@ def learned(
     places = Places.of(store.read(trained.labels, schemas.Labels))
     if order == "streets":
         no_places = Places(places.grid, places.cells[:0])
-        return surveyed(method, strategy, streets(train, days[train]), no_places, None, progress)
+        return supervised(method, strategy, streets(train, days[train]), no_places, None, progress)
     first_model = store.read_model(trained.model)
-    return surveyed(method, strategy, days, places, first_model, progress)
+    return supervised(method, strategy, days, places, first_model, progress)
 
 
 def drive(trained: Trained, sequence: str) -> list[Scan]:

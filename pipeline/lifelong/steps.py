@@ -1,8 +1,8 @@
 """Steps of learning: further days go in, the localiser after each of them comes out (METHODS 11.4).
 
-`surveyed` makes a method learn days whose poses are known, by a strategy (strategies.py).
-`updated` lets a site learn drives by itself. `record` asks each localiser about days that are never
-learned, and makes of its answers the `Lifelong` artifact that the stage `lifelong` writes.
+`supervised` makes a method learn days whose poses are known, by a strategy (strategies.py).
+`self_trained` lets a site learn drives by itself. `record` asks each localiser about days that are
+never learned, and makes of its answers the `Lifelong` artifact that the stage `lifelong` writes.
 """
 
 import time
@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from pipeline.core.frames import travelled_m
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import Lifelong
-from pipeline.lifelong import adoption, growth
-from pipeline.lifelong.adoption import NothingAdoptedError
-from pipeline.lifelong.strategies import Updated
-from pipeline.matching.growth import in_order
+from pipeline.lifelong import pseudo_labels, update
+from pipeline.lifelong.pseudo_labels import NoPseudoLabelsError
+from pipeline.lifelong.strategies import SelfTrained
+from pipeline.matching.incremental import in_order
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Localizer, Method, Model, Rows, TrainingSet
 from pipeline.online import site_file
@@ -43,7 +43,7 @@ class Step:
     """The day, or the part of a day."""
     localizer: Localizer
     places: Places
-    """The places surveyed by then, whether the localiser learned them or not."""
+    """The places covered by then, whether the localiser learned them or not."""
     newest_ns: NDArray[np.int64]
     """(place,) the stamp of the newest view of each place by then."""
     bytes: int
@@ -51,8 +51,8 @@ class Step:
     cpu_s: float
     """CPU seconds that learning the day took."""
     counts: Mapping[str, int] = field(default_factory=dict)
-    """After an update: how many scans were `asked`, `adopted`, adopted at a `wrong` pose, and how
-    many submaps `changed`."""
+    """After an update: how many scans were `queried`, `pseudo_labelled`, pseudo-labelled at a
+    `wrong` pose, and how many submaps `changed`."""
 
 
 def streets(name: str, views: Rows) -> dict[str, Rows]:
@@ -67,7 +67,7 @@ def streets(name: str, views: Rows) -> dict[str, Rows]:
     return parts
 
 
-def surveyed(
+def supervised(
     method: Method,
     strategy: Any,
     days: Mapping[str, Rows],
@@ -111,8 +111,8 @@ def newest_ns(views: TrainingSet) -> NDArray[np.int64]:
     return stamps_ns
 
 
-def updated(
-    path: Path, strategy: Updated, drives: Mapping[str, Sequence[Scan]], progress: Progress
+def self_trained(
+    path: Path, strategy: SelfTrained, drives: Mapping[str, Sequence[Scan]], progress: Progress
 ) -> Iterator[Step]:
     """The localiser of the site at `path`, then that after each drive that it learned by itself.
 
@@ -123,14 +123,20 @@ def updated(
     yield _of_site(parts.description.provenance.train, site, parts, 0.0)
     for name, scans in drives.items():
         start_s = time.process_time()
-        counts = {"asked": len(scans), "adopted": 0, "wrong": 0, "changed": 0}
+        counts = {"queried": len(scans), "pseudo_labelled": 0, "wrong": 0, "changed": 0}
         try:
-            plan = growth.planned(site, adoption.adopted(site, scans, strategy.promise))
-            wrong = int(plan.adoption.wrong[plan.used].sum())
-            counts |= {"adopted": len(plan.used), "wrong": wrong, "changed": len(plan.changed)}
-            parts = growth.grown(site, parts, plan, name, progress.part(name))
+            plan = update.planned(
+                site, pseudo_labels.from_site(site, scans, strategy.target_precision)
+            )
+            wrong = int(plan.pseudo_labels.wrong[plan.used].sum())
+            counts |= {
+                "pseudo_labelled": len(plan.used),
+                "wrong": wrong,
+                "changed": len(plan.changed),
+            }
+            parts = update.updated(site, parts, plan, name, progress.part(name))
             site = Site(parts, threads=2)
-        except NothingAdoptedError as error:
+        except NoPseudoLabelsError as error:
             progress.tell(f"{name}: {error}")
         yield _of_site(name, site, parts, time.process_time() - start_s, counts)
 
@@ -147,7 +153,7 @@ def _of_site(
         name,
         site.localizer,
         site.places,
-        newest_ns(growth.learned_views(site, parts)),
+        newest_ns(update.learned_views(site, parts)),
         _size(parts.model),
         cpu_s,
         counts or {},
@@ -203,9 +209,9 @@ def record(
         order=order,
         strategy=strategy,
         steps=tuple(step.name for step in done_steps),
-        asked=tuple(queries),
+        queried=tuple(queries),
         learned_ns=tuple(int(step.newest_ns.max()) for step in done_steps),
-        asked_ns=tuple(int(views.stamps_ns[0]) for views in queries.values()),
+        queried_ns=tuple(int(views.stamps_ns[0]) for views in queries.values()),
         correct_m=correct_m,
         places=tuple(len(step.places.cells) for step in done_steps),
         bytes=tuple(step.bytes for step in done_steps),
@@ -217,7 +223,7 @@ def record(
 def line(lifelong: Lifelong) -> str:
     """Sum the results up in a line: the share of right answers after the first and last step.
 
-    It is of the queries whose place was surveyed in some step.
+    It is of the queries whose place was covered in some step.
     """
     knowable = lifelong.known_from >= 0
     first = float(lifelong.right[0, knowable].mean())

@@ -1,8 +1,8 @@
 """Strategies: what to do with a model when a further day is to be learned (METHODS 11.4).
 
 The model, the views that it learned and those of the new day go in; the next model comes out. The
-last strategy, `Updated`, is for sites that learn drives by themselves: it says which scans of a
-drive they adopt.
+last strategy, `SelfTrained`, is for sites that learn drives by themselves: it says which scans of a
+drive they pseudo-label.
 """
 
 from collections.abc import Mapping
@@ -47,7 +47,7 @@ class Joint:
 
 
 @dataclass(frozen=True)
-class Grown:
+class Incremental:
     """Lets the model learn the new day without forgetting the earlier ones."""
 
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -62,16 +62,17 @@ class Grown:
         progress: Progress,
     ) -> Model:
         """Grow the model by the new views."""
-        grown: Model = replace(method, **self.settings).grow(
+        incremental: Model = replace(method, **self.settings).extend(
             model, learned_views, new_views, progress
         )
-        return grown
+        return incremental
 
 
 @dataclass(frozen=True)
 @checked("strategy")
-class Updated:
-    """Lets a site adopt what it localises of a day that nobody surveyed."""
+class SelfTrained:
+    """Lets a site pseudo-label what it localises of a day without reference poses."""
 
-    promise: SomeShare | None
-    """The promise that a fix must keep to be adopted; None adopts every scan with a pose."""
+    target_precision: SomeShare | None
+    """The target precision at which a fix is pseudo-labelled; None pseudo-labels every scan with a
+    pose."""

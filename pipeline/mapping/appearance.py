@@ -41,7 +41,7 @@ def appearance(
     `azimuth_deg` are the degrees of azimuth with points, `ground_m` is the z of the ground (NaN
     where the points lie in one plane), and `highest_m` the 99th percentile of z.
 
-    A submap gathers the scans from `first` to `last` (submap,) that are `used` (scan,), laid out by
+    A submap gathers the scans from `first` to `last` (submap,) that are `used` (scan,), placed by
     the poses `layout`. `ground_m` (submap,) is subtracted from all heights.
     """
     measures = []

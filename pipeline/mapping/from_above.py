@@ -1,4 +1,4 @@
-"""The picture from above: what stood along a drive, a scan laid on it, and where the robot was.
+"""The picture from above: what stood along a drive, a scan placed on it, and where the robot was.
 
 In: scans gathered into submaps, or points of any map. Out: a `Footprint` of what stood there, the
 points of a `Drive`, and the one drawing of a scan on a map (`scan_on_map`) that figures and failure
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core import store
-from pipeline.core.frames import Poses, moved, travelled_m
+from pipeline.core.frames import Poses, transformed, travelled_m
 from pipeline.core.schemas import Scans, Submaps
 from pipeline.mapping.gathering import submap_points
 
@@ -97,7 +97,7 @@ def along(drives: Iterable[Drive]) -> NDArray[np.float64]:
     for drive in drives:
         driven_m = travelled_m(drive.world_T_anchor[:, :2, 3])
         rows = np.unique(np.floor(driven_m / APART_M), return_index=True)[1]
-        clouds += [moved(drive.world_T_anchor[row], drive.standing_m(row)) for row in rows]
+        clouds += [transformed(drive.world_T_anchor[row], drive.standing_m(row)) for row in rows]
     return np.concatenate(clouds)
 
 
@@ -155,7 +155,7 @@ def scan_on_map(
     """
     if footprint is not None:
         footprint.draw(axes)
-    xy_m = moved(world_T_scan, points_m)[:, :2]
+    xy_m = transformed(world_T_scan, points_m)[:, :2]
     cells_m = np.unique(np.rint(xy_m / CELL_M), axis=0) * CELL_M
     axes.plot(*cells_m.T, ".", ms=2.2, mew=0, color=ink, rasterized=True)
     heading(axes, world_T_scan, ink)

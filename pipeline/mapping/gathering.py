@@ -1,8 +1,8 @@
 """Gathers the points of submaps: the artifacts of scans and submaps in, the points of each submap
 out.
 
-A submap gathers a window of scans, laid out by their poses, in the frame of the newest one, its
-anchor. Neighbouring submaps share scans; each scan is read and laid out only once all the same.
+A submap gathers a window of scans, placed by their poses, in the frame of the newest one, its
+anchor. Neighbouring submaps share scans; each scan is read and placed only once all the same.
 """
 
 from collections import deque
@@ -29,7 +29,7 @@ class Gathering:
 
     scans: Scans
     layout: PoseColumn
-    """The column of the scans' poses by which they are laid out."""
+    """The column of the scans' poses by which they are placed."""
     first: NDArray[np.int64]
     """(submap,) the oldest scan of each window."""
     last: NDArray[np.int64]

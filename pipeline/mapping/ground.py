@@ -11,7 +11,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 SURE = 0.9999
-"""No more planes are tried once one like the best so far would have been found with this chance."""
+"""No more planes are tried once one like the best so far would have been found with this
+probability."""
 
 
 def plane(
@@ -69,9 +70,9 @@ def _plane(x, y, z, corners, near_m, min_normal_z):  # type: ignore[no-untyped-d
                 a_best = a
                 b_best = b
                 c_best = c
-        # A plane like the best one so far has all three corners near it with the chance share³, and
-        # none of all planes so far had them with the chance (1 − share³)^planes.
-        missed_chance = (1.0 - (most_points / n) ** 3) ** (number + 1)
-        if missed_chance < 1.0 - SURE:
+        # A plane like the best one so far has all three corners near it with the probability
+        # share³, and none of all planes so far had them with the probability (1 − share³)^planes.
+        missed_probability = (1.0 - (most_points / n) ** 3) ** (number + 1)
+        if missed_probability < 1.0 - SURE:
             break
     return a_best, b_best, c_best

@@ -20,7 +20,7 @@ from pipeline.mapping.bricks import LEAVES, Bricks, allocate, free, part_of_key
 
 CROSSED = np.uint8(1)
 """Bit of a leaf's mark: a ray crosses it."""
-HIT = np.uint8(2)
+TRUE_POSITIVE = np.uint8(2)
 """Bit of a leaf's mark: it holds a point."""
 RAY_END = 2.0**40
 """Position of a ray's end: positions run from 0 at the sensor to this. They are whole numbers,
@@ -61,7 +61,8 @@ def cast(
     bricks_per_ray: int,
     unhit_cells: NDArray[np.int64],
 ) -> int:
-    """Mark the leaves between the sensor and the points as CROSSED, and those of points as HIT.
+    """Mark the leaves between the sensor and the points as CROSSED, and those of points as
+    TRUE_POSITIVE.
 
     points : (n, 3) in the vehicle's frame; those before the row `first` are marked already.
     leaves_T_points : (4, 4) maps them to leaves from the cube's lowest corner.
@@ -122,7 +123,7 @@ def cast(
             if (
                 is_inside
                 and first_leaf >= 0
-                and marks[np.uint64(first_leaf | (key & IN_BRICK))] & HIT
+                and marks[np.uint64(first_leaf | (key & IN_BRICK))] & TRUE_POSITIVE
             ):
                 continue
             end_x = ix + 0.5
@@ -135,7 +136,7 @@ def cast(
         if is_inside and length <= longest:
             if first_leaf < 0:
                 first_leaf = allocate(bricks, key >> BRICK_BITS)
-            marks[np.uint64(first_leaf | (key & IN_BRICK))] |= HIT
+            marks[np.uint64(first_leaf | (key & IN_BRICK))] |= TRUE_POSITIVE
         elif not every_ray:
             cell = ((ix + KEY_LIMIT) << 42) | ((iy + KEY_LIMIT) << 21) | (iz + KEY_LIMIT)
             if not _is_new(unhit_cells, cell):
@@ -284,7 +285,11 @@ def sweep(
             mark = np.int32(marks[leaf])
             value = value if abs(value) >= known_from else UNKNOWN
             # A leaf that is crossed and hit counts as hit.
-            value += hit_log_odds if mark >= np.int32(HIT) else (miss_log_odds if mark else UNKNOWN)
+            value += (
+                hit_log_odds
+                if mark >= np.int32(TRUE_POSITIVE)
+                else (miss_log_odds if mark else UNKNOWN)
+            )
             value = min(max(value, min_log_odds), max_log_odds)
             any_known |= np.int32(value != UNKNOWN)
             log_odds[leaf] = value

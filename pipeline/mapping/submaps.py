@@ -58,7 +58,8 @@ class Accumulated:
     window_m: Positive = 80.0
     """Path whose scans a submap gathers, back from its anchor."""
     layout: PoseColumn = "odom_T_scan"
-    """The poses by which scans are laid out and the path is measured: odometry, or the truth."""
+    """The poses by which scans are placed and the path is measured: odometry, or the ground
+    truth."""
     still_m: Positive = 0.01
     """A scan is left out if it is less than this much path after the last one used: minutes at a
     red light show nothing new."""

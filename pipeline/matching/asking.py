@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.alterations import Case
 from pipeline.core import store
 from pipeline.core.frames import wrapped_deg, yaw
 from pipeline.matching.ranking import Localizer, Method, Model, Ranking, Rows, joined
 from pipeline.matching.rejection import Rejection
+from pipeline.perturbations import Case
 
 
 @dataclass
@@ -46,8 +46,8 @@ class StoredModel:
     def rank(self, cases: Mapping[Case, Rows]) -> Ranking:
         """Rank k places for every query, one case after the other.
 
-        A case is one way in which queries are altered (`pipeline.alterations`). Each is ranked by
-        itself, since some methods match all queries of a call together.
+        A case is one way in which queries are perturbed (`pipeline.perturbations`). Each is ranked
+        by itself, since some methods match all queries of a call together.
         """
         rankings = []
         for rows in cases.values():
@@ -60,9 +60,9 @@ def turned_deg(cases: Mapping[Case, Rows]) -> NDArray[np.float64]:
     """How far the robot is turned to the left in each case's queries, one case after the other.
 
     The angles, one per query and case, are in degrees in (−180, 180], against the first case, which
-    is as driven.
+    is unperturbed.
     """
-    as_driven = next(iter(cases.values()))
-    driven_yaw_rad = yaw(as_driven.world_T_anchor)
+    unperturbed = next(iter(cases.values()))
+    driven_yaw_rad = yaw(unperturbed.world_T_anchor)
     left_rad = [yaw(rows.world_T_anchor) - driven_yaw_rad for rows in cases.values()]
     return wrapped_deg(np.rad2deg(np.concatenate(left_rad)))

@@ -22,7 +22,7 @@ from pipeline.core.settings import NotNegative, Positive, checked
 from pipeline.matching import holdout
 from pipeline.matching.nearest import first_of_each, nearest
 from pipeline.matching.ranking import Model, Ranking, Rows, TrainingSet, joined
-from pipeline.matching.rejection import Evidence, is_near
+from pipeline.matching.rejection import NoveltyEvidence, is_near
 
 PREFIX = "database/"
 """Prefix of the database's arrays in a model."""
@@ -42,13 +42,13 @@ It returns the distance (h,) to the nearest of these, and that row (h,).
 
 
 class UntrainedMethod(ABC):
-    """A method that trains nothing: with further days it learns all rows anew."""
+    """A method that trains nothing: with further days it learns all rows again."""
 
     @abstractmethod
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Make the model of all rows, whose `places` (row,) are known."""
 
-    def grow(
+    def extend(
         self, model: Model, learned_set: TrainingSet, new_set: TrainingSet, progress: Progress
     ) -> Model:
         """Make the model of both sets, as if they had been learned at once."""
@@ -63,12 +63,12 @@ class DescriptorMethod(UntrainedMethod):
     distinct_places: bool = False
     """Whether a ranking lists each place once, at its nearest training row. Otherwise it lists
     training rows, and a place may come several times."""
-    held_out_every_m: Positive = 40.0
-    held_out_length_m: Positive = 4.0
-    """One block of this length in every `held_out_every_m` of the training path is held out to
-    choose thresholds."""
+    validation_every_m: Positive = 40.0
+    validation_length_m: Positive = 4.0
+    """One block of this length in every `validation_every_m` of the training path is kept for
+    validation to choose thresholds."""
     neighbour_m: NotNegative = 20.0
-    """To stand for an unseen query, a held-out one is compared only with training rows at least
+    """To stand for an unseen query, a validation one is compared only with training rows at least
     this far away."""
 
 
@@ -104,24 +104,24 @@ class Database:
         """The database's arrays, as they are stored in a model."""
         return {PREFIX + name: array for name, array in asdict(self).items()}
 
-    def evidence(self, search: Search, views: Rows, method: DescriptorMethod) -> Evidence:
-        """Search for the rows of held-out blocks among the rest of the training path.
+    def evidence(self, search: Search, views: Rows, method: DescriptorMethod) -> NoveltyEvidence:
+        """Search for the rows of validation blocks among the rest of the training path.
 
         Each is searched for twice: with the rows around it, as a query from a place that was seen,
         and without them, as an unseen one. The model's database keeps the blocks nevertheless: they
         serve only to choose a threshold.
         """
-        every_m = method.held_out_every_m
-        length_m = method.held_out_length_m
-        is_held_out = holdout.blocks(views.world_T_anchor, self.places, every_m, length_m)
-        if not is_held_out.any():
+        every_m = method.validation_every_m
+        length_m = method.validation_length_m
+        is_validation = holdout.blocks(views.world_T_anchor, self.places, every_m, length_m)
+        if not is_validation.any():
             # The path is too short for blocks: every row is compared with all others.
-            is_held_out = ~is_held_out
-        queries = np.flatnonzero(is_held_out)
-        if is_held_out.all():
-            is_allowed = queries[:, None] != np.arange(len(is_held_out))
+            is_validation = ~is_validation
+        queries = np.flatnonzero(is_validation)
+        if is_validation.all():
+            is_allowed = queries[:, None] != np.arange(len(is_validation))
         else:
-            is_allowed = np.broadcast_to(~is_held_out, (len(queries), len(is_held_out)))
+            is_allowed = np.broadcast_to(~is_validation, (len(queries), len(is_validation)))
         seen_distances, nearest_rows = search(queries, is_allowed)
 
         is_around = is_near(self.xy_m[queries], self.xy_m, method.neighbour_m)
@@ -129,11 +129,11 @@ class Database:
         has_far = is_allowed_and_far.any(axis=1, keepdims=True)
         unseen_distances, _ = search(queries, np.where(has_far, is_allowed_and_far, is_allowed))
 
-        return Evidence(
+        return NoveltyEvidence(
             right=self.places[nearest_rows] == self.places[queries],
             seen={KIND: seen_distances},
             unseen={KIND: unseen_distances},
-            block=holdout.numbered(views.world_T_anchor, is_held_out, every_m, length_m),
+            block=holdout.numbered(views.world_T_anchor, is_validation, every_m, length_m),
         )
 
     def answer(

@@ -1,4 +1,4 @@
-"""Held-out blocks: stretches of the training path that are not learned.
+"""Validation blocks: stretches of the training path that are not learned.
 
 Epochs, thresholds and settings are chosen on them, never on a test sequence.
 """
@@ -32,15 +32,15 @@ def blocks(
 
 
 def numbered(
-    world_T_anchor: Poses, is_held_out: NDArray[np.bool_], every_m: float, length_m: float
+    world_T_anchor: Poses, is_validation: NDArray[np.bool_], every_m: float, length_m: float
 ) -> NDArray[np.int64]:
-    """The number (h,) of the block of each of the h held-out submaps, from 0 along the path.
+    """The number (h,) of the block of each of the h validation submaps, from 0 along the path.
 
     A submap further than half of `every_m`, and further than `length_m`, behind the first one of a
     block belongs to the next: that is longer than a block of `blocks`, and shorter than the way to
-    the next one. A path that is held out as a whole is cut into blocks of this length.
+    the next one. A path that is kept for validation as a whole is cut into blocks of this length.
     """
-    path_m = travelled_m(world_T_anchor[:, :3, 3])[is_held_out]
+    path_m = travelled_m(world_T_anchor[:, :3, 3])[is_validation]
     numbers = np.empty(len(path_m), np.int64)
     longest_m = max(every_m / 2, length_m)
     block = -1

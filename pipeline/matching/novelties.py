@@ -1,6 +1,6 @@
 """Kinds of novelty of a network that classifies places: its outputs in, how new each query is out.
 
-METHODS 2.6. All grow with the chance that the query's place was never seen.
+METHODS 2.6. All grow with the probability that the query's place was never seen.
 """
 
 import numpy as np

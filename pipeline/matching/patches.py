@@ -55,7 +55,7 @@ def normalised(images: NDArray[np.uint8], patch_px: int = 8) -> NDArray[np.uint8
 def differences(references: NDArray[np.uint8], queries: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Sums of absolute differences (n, m) between references (n, …) and queries (m, …), over n.
 
-    SeqSLAM divides by n too, which scales all differences alike. Raises InputError for images of
+    SeqSLAM divides by n too, which scales all differences similar. Raises InputError for images of
     different shapes.
     """
     if references.shape[1:] != queries.shape[1:]:

@@ -38,7 +38,7 @@ class Places:
         is_place = self.cells[place] == cells
         return np.where(is_place, place, UNSEEN).astype(np.int64)
 
-    def grown(self, xy_m: NDArray[np.float64]) -> Self:
+    def extended(self, xy_m: NDArray[np.float64]) -> Self:
         """The places with a new one for each further cell of positions (n, 2).
 
         The grid is extended where need be.

@@ -13,15 +13,15 @@ from typing import Any, NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.alterations import Case, read_cases
 from pipeline.core import schemas, store
 from pipeline.core.errors import InputError
 from pipeline.core.frames import Poses, Stamps
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import Ranking as Ranking
+from pipeline.perturbations import Case, read_cases
 
 Model = Mapping[str, NDArray[Any]]
-"""What a method learned: named arrays. Among them is the evidence of held-out blocks, from which
+"""What a method learned: named arrays. Among them is the evidence of validation blocks, from which
 thresholds are chosen (`matching.rejection`)."""
 
 
@@ -47,7 +47,7 @@ class Rows:
     def cases(cls, path: str | Path) -> dict[Case, Self]:
         """Open a view artifact; returns the rows of each of its cases.
 
-        A case is one way in which queries are altered; the artifact holds one after the other.
+        A case is one way in which queries are perturbed; the artifact holds one after the other.
         """
         views = store.read(path, *schemas.VIEW_KINDS)
         cases = read_cases(views.cases)
@@ -67,10 +67,11 @@ class Rows:
         )
 
     @classmethod
-    def queries(cls, as_driven: Path, altered: Iterable[Path]) -> dict[Case, Self]:
-        """Open a sequence's queries as driven, and those of each altered artifact that exists."""
-        cases = cls.cases(as_driven)
-        for path in altered:
+    def queries(cls, unperturbed: Path, perturbed: Iterable[Path]) -> dict[Case, Self]:
+        """Open a sequence's unperturbed queries, and those of each perturbed artifact that
+        exists."""
+        cases = cls.cases(unperturbed)
+        for path in perturbed:
             if path.is_dir():
                 cases |= cls.cases(path)
         return cases
@@ -142,7 +143,7 @@ class Method(Protocol):
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Learn a model from the training views, whose places (submap,) are all known."""
 
-    def grow(
+    def extend(
         self, model: Model, known_set: TrainingSet, new_set: TrainingSet, progress: Progress
     ) -> Model:
         """Add the views of `new_set` to a model of `known_set`, whose places keep their numbers."""

@@ -1,8 +1,9 @@
 """Chooses the threshold on novelty from which a query is rejected as unseen.
 
-A model stores `Evidence`: how new it found the queries of held-out blocks of the training path, and
-whether it answered them right. From it `Rejection` chooses, for each kind of novelty, the largest
-threshold that keeps a wanted precision among the accepted queries. No test sequence is used.
+A model stores `NoveltyEvidence`: how new it found the queries of validation blocks of the training
+path, and whether it answered them right. From it `Rejection` chooses, for each kind of novelty, the
+largest threshold that keeps a target precision among the accepted queries. No test sequence is
+used.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,26 +19,26 @@ from pipeline.matching.ranking import Model, Ranking
 
 ACCEPT_NOTHING = float(np.finfo(np.float32).min)
 """The threshold that rejects every query: no float32 novelty lies below it."""
-HELD_OUT = "held_out/"
+VALIDATION = "validation/"
 """Prefix of the evidence within a model."""
 LEAST_BLOCKS = 10
-"""Fewest held-out blocks that a threshold must accept if it keeps less than the wanted precision:
+"""Fewest validation blocks that a threshold must accept if it keeps less than the target precision:
 the best of many thresholds on few blocks is luck."""
 
 
 class Threshold(NamedTuple):
-    """A threshold on one kind of novelty, chosen on held-out blocks."""
+    """A threshold on one kind of novelty, chosen on validation blocks."""
 
     reject_from: float
     """Novelty from which queries are rejected; ACCEPT_NOTHING if no threshold can be chosen."""
-    kept_precision: float
-    """Precision among the accepted queries of these blocks, with one false alarm added; NaN if none
-    is accepted."""
+    validation_precision: float
+    """Precision among the accepted queries of these blocks, with one false positive added; NaN if
+    none is accepted."""
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """A model's results on h queries from held-out blocks, each of which was ranked twice.
+class NoveltyEvidence:
+    """A model's results on h queries from validation blocks, each of which was ranked twice.
 
     The first ranking is with the whole database, and stands for a query from a seen place. The
     second is without the places around the query, and stands for one from an unseen place.
@@ -55,32 +56,33 @@ class Evidence:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The evidence's arrays, as they are stored in a model."""
         parts: dict[str, NDArray[Any]] = {
-            f"{HELD_OUT}right": self.right,
-            f"{HELD_OUT}block": self.block,
+            f"{VALIDATION}right": self.right,
+            f"{VALIDATION}block": self.block,
         }
         for kind, values in self.seen.items():
-            parts[f"{HELD_OUT}seen/{kind}"] = values.astype(np.float32)
+            parts[f"{VALIDATION}seen/{kind}"] = values.astype(np.float32)
         for kind, values in self.unseen.items():
-            parts[f"{HELD_OUT}unseen/{kind}"] = values.astype(np.float32)
+            parts[f"{VALIDATION}unseen/{kind}"] = values.astype(np.float32)
         return parts
 
     @classmethod
     def of(cls, model: Model) -> Self:
         """Read the evidence in a model; raises InputError if it, or its blocks, are missing."""
-        if HELD_OUT + "right" not in model:
+        if VALIDATION + "right" not in model:
             raise InputError(
-                f"the model has no {HELD_OUT}right: a method must store its evidence of held-out "
+                f"the model has no {VALIDATION}right: a method must store its evidence of "
+                "validation "
                 "blocks"
             )
-        if HELD_OUT + "block" not in model:
+        if VALIDATION + "block" not in model:
             raise InputError(
-                f"the model has no {HELD_OUT}block: an earlier version made it; train it anew"
+                f"the model has no {VALIDATION}block: an earlier version made it; train it again"
             )
         return cls(
-            model[HELD_OUT + "right"].astype(bool),
-            _by_kind(model, f"{HELD_OUT}seen/"),
-            _by_kind(model, f"{HELD_OUT}unseen/"),
-            model[HELD_OUT + "block"].astype(np.int64),
+            model[VALIDATION + "right"].astype(bool),
+            _by_kind(model, f"{VALIDATION}seen/"),
+            _by_kind(model, f"{VALIDATION}unseen/"),
+            model[VALIDATION + "block"].astype(np.int64),
         )
 
     @classmethod
@@ -100,7 +102,7 @@ class Evidence:
 
     @property
     def blocks(self) -> int:
-        """The number of held-out blocks."""
+        """The number of validation blocks."""
         return len(np.unique(self.block))
 
     def queries(
@@ -114,12 +116,12 @@ class Evidence:
         right = np.concatenate([self.right, np.zeros_like(self.right)])
         return novelty, right, np.repeat([1 - unseen_share, unseen_share], len(self.right))
 
-    def threshold(self, kind: str, unseen_share: float, wanted_precision: float) -> Threshold:
+    def threshold(self, kind: str, unseen_share: float, target_precision: float) -> Threshold:
         """Choose the threshold on one kind of novelty; every block has the same weight."""
         novelty, right, weight = self.queries(kind, unseen_share)
         weight_in_block = 1 / np.bincount(self.block)[self.block]
         return reachable_threshold(
-            wanted_precision,
+            target_precision,
             novelty,
             right,
             weight=weight * np.tile(weight_in_block, 2),
@@ -154,7 +156,7 @@ class Rejection:
 
     novelty: str = "own"
     """The kind of novelty; `own` is the one that the method puts first."""
-    wanted_precision: Share = 0.9
+    target_precision: Share = 0.9
     """Precision to keep among the accepted queries."""
     unseen_share: Share = 0.2
     """The share of unseen queries to expect."""
@@ -175,26 +177,26 @@ class Rejection:
 
     def thresholds(self, model: Model, kinds: tuple[str, ...]) -> list[Threshold]:
         """Choose the threshold on each kind of novelty."""
-        evidence = Evidence.of(model)
+        evidence = NoveltyEvidence.of(model)
         return [
-            evidence.threshold(kind, self.unseen_share, self.wanted_precision) for kind in kinds
+            evidence.threshold(kind, self.unseen_share, self.target_precision) for kind in kinds
         ]
 
     def summary(self, model: Model, threshold: Threshold, rejected: int) -> str:
         """One line: how many are rejected, and the kept precision if it is less than wanted."""
-        blocks = Evidence.of(model).blocks
-        wanted_precision = f"{self.wanted_precision:g}"
+        blocks = NoveltyEvidence.of(model).blocks
+        target_precision = f"{self.target_precision:g}"
         if threshold.reject_from <= ACCEPT_NOTHING:
             condition = f"or is right on {LEAST_BLOCKS} of them (there are {blocks})"
             return (
-                f"all rejected: no threshold keeps the wanted {wanted_precision} on held-out "
+                f"all rejected: no threshold keeps the wanted {target_precision} on validation "
                 f"blocks, {condition}"
             )
-        if threshold.kept_precision >= self.wanted_precision:
+        if threshold.validation_precision >= self.target_precision:
             return f"{rejected} rejected"
         return (
-            f"{rejected} rejected; keeps {threshold.kept_precision:.3f} of the wanted "
-            f"{wanted_precision} on {blocks} held-out blocks"
+            f"{rejected} rejected; keeps {threshold.validation_precision:.3f} of the wanted "
+            f"{target_precision} on {blocks} validation blocks"
         )
 
 
@@ -205,40 +207,40 @@ def reachable_threshold(
     weight: NDArray[np.float64],
     block: NDArray[np.int64],
 ) -> Threshold:
-    """The largest threshold that keeps the wanted precision, else the one that keeps the most.
+    """The largest threshold that keeps the target precision, else the one that keeps the most.
 
     n queries have a `novelty`, a `weight` by which they count, and the number of their `block`. A
-    query is accepted below the threshold, and then is either `right` or a false alarm. One false
+    query is accepted below the threshold, and then is either `right` or a false positive. One false
     alarm is added to them, as in conformal prediction, which thus bounds the risk of a further
     query (Angelopoulos et al., Conformal Risk Control, ICLR 2024).
 
     1. For each novelty, compute the precision of accepting all queries up to it.
-    2. Take the largest novelty at which the wanted precision is kept.
+    2. Take the largest novelty at which the target precision is kept.
     3. If there is none, take the largest at which the best precision is kept, among those that
        accept queries of LEAST_BLOCKS blocks or more. This precision is rounded down to thousandths.
     4. Put the threshold midway between this novelty and the next one. If there is no next one, put
        it just above, since nothing is known of queries beyond.
     """
     # 1. The precision of accepting all up to each novelty.
-    novelties, hits, accepted = _accepted(novelty, right, weight)
+    novelties, true_positives, accepted = _accepted(novelty, right, weight)
     is_finite = np.isfinite(novelties)
     novelties = novelties[is_finite]
     # rounded, so that a precision that equals the wanted one counts as kept
-    kept_precision = (hits / (accepted + 1))[is_finite].round(9)
+    validation_precision = (true_positives / (accepted + 1))[is_finite].round(9)
 
-    # 2. The novelties at which the wanted precision is kept.
-    candidates = np.flatnonzero(kept_precision >= precision)
+    # 2. The novelties at which the target precision is kept.
+    candidates = np.flatnonzero(validation_precision >= precision)
 
     # 3. Otherwise those at which the best one is kept.
     if not len(candidates):
         least_of_blocks = np.sort([novelty[block == number].min() for number in np.unique(block)])
         accepted_blocks = np.searchsorted(least_of_blocks, novelties, side="right")
         has_enough = accepted_blocks >= LEAST_BLOCKS
-        best_precision = kept_precision[has_enough].max(initial=0.0)
-        is_best = has_enough & (kept_precision > 0) & (kept_precision >= best_precision)
+        best_precision = validation_precision[has_enough].max(initial=0.0)
+        is_best = has_enough & (validation_precision > 0) & (validation_precision >= best_precision)
         candidates = np.flatnonzero(is_best)
         # rounded down; 1e-6, so that a whole number of thousandths stays
-        kept_precision = np.floor(1000 * kept_precision + 1e-6) / 1000
+        validation_precision = np.floor(1000 * validation_precision + 1e-6) / 1000
     if not len(candidates):
         return Threshold(ACCEPT_NOTHING, np.nan)
 
@@ -248,7 +250,7 @@ def reachable_threshold(
         reject_from = novelties[index : index + 2].mean()
     else:
         reject_from = np.nextafter(novelties[index], np.inf)
-    return Threshold(float(reject_from), float(kept_precision[index]))
+    return Threshold(float(reject_from), float(validation_precision[index]))
 
 
 def threshold_for(
@@ -258,14 +260,14 @@ def threshold_for(
     weight: NDArray[np.float64],
     wrong_besides: float = 0.0,
 ) -> float:
-    """The largest threshold that keeps the wanted precision, else ACCEPT_NOTHING.
+    """The largest threshold that keeps the target precision, else ACCEPT_NOTHING.
 
     n queries have a `novelty` and a `weight`, the number of real queries that each stands for. A
-    query is accepted below the threshold, and then is either `right` or a false alarm;
-    `wrong_besides` false alarms are added to them.
+    query is accepted below the threshold, and then is either `right` or a false positive;
+    `wrong_besides` false positives are added to them.
     """
-    novelties, hits, accepted = _accepted(novelty, right, weight)
-    candidates = np.flatnonzero(hits >= precision * (accepted + wrong_besides))
+    novelties, true_positives, accepted = _accepted(novelty, right, weight)
+    candidates = np.flatnonzero(true_positives >= precision * (accepted + wrong_besides))
     if not len(candidates):
         return ACCEPT_NOTHING
     return float(np.nextafter(novelties[candidates[-1]], np.inf))
@@ -281,6 +283,6 @@ def _accepted(
     order = np.argsort(novelty, kind="stable")
     ordered = novelty[order]
     accepted = np.cumsum(weight[order])
-    hits = np.cumsum((weight * right)[order])
+    true_positives = np.cumsum((weight * right)[order])
     is_last = np.append(ordered[1:] > ordered[:-1], True)[: len(ordered)] & (accepted > 0)
-    return ordered[is_last], hits[is_last], accepted[is_last]
+    return ordered[is_last], true_positives[is_last], accepted[is_last]

@@ -30,7 +30,7 @@ from pipeline.core.settings import Count, NotNegative, Positive, Range, checked
 from pipeline.matching import holdout
 from pipeline.matching.database import Database
 from pipeline.matching.ranking import Ranking, Rows, joined
-from pipeline.matching.rejection import Evidence, is_near
+from pipeline.matching.rejection import NoveltyEvidence, is_near
 from pipeline.matching.sequence import (
     GRAIN,
     cheapest,
@@ -47,7 +47,7 @@ MAX_NOVELTY = float(np.finfo(np.float32).max)
 """Bound of a novelty, which is stored as float32."""
 Costs = NDArray[np.float32]
 """Costs (query, row) of training rows for queries."""
-ContrastRows = Annotated[int, Range(2, wording="2 or more")]
+NormalisationRows = Annotated[int, Range(2, wording="2 or more")]
 Differences = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float32]]
 """A function of the method that compares training with itself: takes training rows (n,) and others
 (m,) as queries, and returns their differences (n, m)."""
@@ -71,7 +71,7 @@ class SequenceMethod:
     """Step between the speeds tried, in training rows per query."""
     both_ways: bool = False
     """Whether runs may also drive the training sequence backwards; the authors' do not."""
-    contrast_rows: ContrastRows = 30
+    normalisation_rows: NormalisationRows = 30
     """Width of the window of training rows in which contrast is enhanced."""
     subtract_minimum: bool = True
     """Whether costs are counted from the least enhanced difference, so that none is negative, as in
@@ -82,12 +82,12 @@ class SequenceMethod:
     distinct_places: bool = False
     """Whether a ranking lists each place once, at its cheapest training row. Otherwise it lists
     training rows, and a place may come several times."""
-    held_out_every_m: Positive = 200.0
-    held_out_length_m: Positive = 40.0
-    """One block of this length in every `held_out_every_m` of the training path is held out to
-    choose epochs and thresholds."""
+    validation_every_m: Positive = 200.0
+    validation_length_m: Positive = 40.0
+    """One block of this length in every `validation_every_m` of the training path is kept for
+    validation to choose epochs and thresholds."""
     neighbour_m: NotNegative = 20.0
-    """To stand for an unseen query, a held-out one is compared only with training rows at least
+    """To stand for an unseen query, a validation one is compared only with training rows at least
     this far away."""
 
     def __post_init__(self) -> None:
@@ -101,11 +101,11 @@ class SequenceMethod:
         """The two kinds of novelty, the chosen one first."""
         return ("cost", "ratio") if self.novelty == "cost" else ("ratio", "cost")
 
-    def held_out(self, views: Rows) -> NDArray[np.bool_]:
-        """True for the training rows (n,) that are held out and must not be learned."""
+    def validation(self, views: Rows) -> NDArray[np.bool_]:
+        """True for the training rows (n,) that are kept for validation and must not be learned."""
         places = np.zeros(len(views.world_T_anchor), np.int64)
         return holdout.blocks(
-            views.world_T_anchor, places, self.held_out_every_m, self.held_out_length_m
+            views.world_T_anchor, places, self.validation_every_m, self.validation_length_m
         )
 
     def ranked(
@@ -143,18 +143,18 @@ class SequenceMethod:
             parts.append(replace(ranking, novelty=novelty, kinds=self.kinds))
         return joined(parts)
 
-    def evidence(self, database: Database, views: Rows, difference: Differences) -> Evidence:
-        """Match the odd training rows with the even ones; returns the results in held-out blocks.
+    def evidence(self, database: Database, views: Rows, difference: Differences) -> NoveltyEvidence:
+        """Match the odd training rows with the even ones; returns the results in validation blocks.
 
         All odd rows are matched as one drive, so that its sequences stay whole, and no query can
-        match itself; only those in held-out blocks count, or all on a path too short for blocks.
+        match itself; only those in validation blocks count, or all on a path too short for blocks.
         Each counts twice: with all even rows, as a query from a seen place, and without those
         around it, as one from an unseen place.
         """
         n = len(database.places)
         even = np.arange(0, n, 2)
         odd = np.arange(min(1, n - 1), n, 2)
-        is_counted = self.held_out(views)[odd]
+        is_counted = self.validation(views)[odd]
         if not is_counted.any():
             is_counted = np.ones(len(odd), bool)
 
@@ -180,9 +180,9 @@ class SequenceMethod:
         is_query = np.zeros(n, bool)
         is_query[odd[is_counted]] = True
         block = holdout.numbered(
-            views.world_T_anchor, is_query, self.held_out_every_m, self.held_out_length_m
+            views.world_T_anchor, is_query, self.validation_every_m, self.validation_length_m
         )
-        return Evidence(
+        return NoveltyEvidence(
             np.concatenate(right), self._joined_kinds(seen), self._joined_kinds(unseen), block
         )
 
@@ -211,13 +211,13 @@ class AlignedQueries:
         max_steps = int((n - 1) / max(settings.slowest, 1))
         self.length = max(min(settings.length, m - 1, max_steps), 0)
         self.scale = np.float32((settings.length + 1) / (self.length + 1))
-        self.enhanced = contrast(differences, settings.contrast_rows)
+        self.enhanced = contrast(differences, settings.normalisation_rows)
         lowest = float(self.enhanced.min(initial=0))
         if not math.isfinite(lowest):
             raise InputError("differences between queries and rows: expected finite numbers")
         if m <= settings.length:
             # The minimum over so few queries says little: the lowest possible value is taken.
-            lowest = least(settings.contrast_rows)
+            lowest = least(settings.normalisation_rows)
         self.base = np.float32(lowest * (settings.length + 1) if settings.subtract_minimum else 0)
 
     def blocks(self) -> Iterator[tuple[NDArray[np.int64], Costs]]:

@@ -18,8 +18,8 @@ from pipeline.matching.database import Database, UntrainedMethod
 from pipeline.matching.headings import ReferenceHeadings, least, reference_headings
 from pipeline.matching.patches import differences, normalised, resized
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
-from pipeline.matching.rejection import Evidence
-from pipeline.matching.sequences import ContrastRows, SequenceMethod
+from pipeline.matching.rejection import NoveltyEvidence
+from pipeline.matching.sequences import NormalisationRows, SequenceMethod
 
 
 @dataclass(frozen=True)
@@ -35,13 +35,13 @@ class Sad(UntrainedMethod, SequenceMethod):
     """Views are resized to this side."""
     patch_px: Count = 8
     """Side of the patches in which images are normalised."""
-    contrast_rows: ContrastRows = 10
+    normalisation_rows: NormalisationRows = 10
     reference_headings: ReferenceHeadings = 1
     """Number of headings of a training place whose images are kept: one as in SeqSLAM, or up to the
     eight whose codes PFL keeps."""
-    held_out_every_m: Positive = 80.0
-    """Blocks are held out more often than by PFL and AFL, since without training this costs
-    nothing; between two of them lies the length of a sequence."""
+    validation_every_m: Positive = 80.0
+    """Blocks are kept for validation more often than by PFL and AFL, since without training this
+    costs nothing; between two of them lies the length of a sequence."""
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Keep the training sequence's normalised images (n, heading, side, side), 4 KB each.
@@ -62,10 +62,10 @@ class Sad(UntrainedMethod, SequenceMethod):
     def moved(self, model: Model, views: Rows, places: NDArray[np.int64]) -> Model:
         """The model with these views and places as its database.
 
-        The evidence stays that of the training sequence's held-out blocks.
+        The evidence stays that of the training sequence's validation blocks.
         """
         database = Database.learned(views, places)
-        evidence = Evidence.of(model)
+        evidence = NoveltyEvidence.of(model)
         return {"images": self._reference(views), **database.arrays(), **evidence.arrays()}
 
     def localizer(self, model: Model) -> Localizer:

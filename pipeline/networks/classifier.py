@@ -2,8 +2,8 @@
 
 In: Scan Context Images (heights in rings × sectors around the robot). Out: a ranking of places by
 their softmax, with a confidence, kinds of novelty and headings. `Classifier` has the settings and
-`localizer`, which answers; `training` and `growth` learn. A method adds its network, its batches
-and how the network's outputs become logits, features and headings.
+`localizer`, which answers; `training` and `incremental` learn. A method adds its network, its
+batches and how the network's outputs become logits, features and headings.
 """
 
 from abc import ABC, abstractmethod
@@ -70,19 +70,19 @@ class Classifier(ABC):
     threads: Count = 2
     """Fixed, since the order of sums depends on it, and so do the weights."""
     seed: Seed = 0
-    held_out_every_m: Positive = 40.0
-    held_out_length_m: Positive = 4.0
-    """One block of this length in every `held_out_every_m` of the training path is held out, to
-    choose the epoch, the temperature and the threshold."""
+    validation_every_m: Positive = 40.0
+    validation_length_m: Positive = 4.0
+    """One block of this length in every `validation_every_m` of the training path is kept for
+    validation, to choose the epoch, the temperature and the threshold."""
     neighbour_m: NotNegative = 20.0
-    """A held-out query is asked as an unseen one by ignoring the places and training views nearer
+    """A validation query is asked as an unseen one by ignoring the places and training views nearer
     than this."""
     refit: Share = 0.0
-    """After all is chosen on held-out blocks, this share of the schedule, its end, is run once more
-    on all views."""
-    grown: SomeShare = 0.3
+    """After all is chosen on validation blocks, this share of the schedule, its end, is run once
+    more on all views."""
+    incremental: SomeShare = 0.3
     """Share of the schedule, its end, that is run to learn a further day."""
-    rehearsed: Whole = 2
+    replayed: Whole = 2
     """Number of views of each known place that are shown again with further days: those of the
     highest loss."""
     distilled: NotNegative = 0.0

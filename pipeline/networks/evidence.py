@@ -1,8 +1,8 @@
-"""Temperature and evidence of a network, from held-out views of the training day (METHODS 2.6).
+"""Temperature and evidence of a network, from validation views of the training day (METHODS 2.6).
 
-In: a network, and views of held-out blocks, which it did not learn but whose places it knows. Out:
-the temperature at which its softmax is calibrated; and the evidence from which the threshold of
-rejection is chosen: how new these views look as they are, and with their surroundings forgotten.
+In: a network, and views of validation blocks, which it did not learn but whose places it knows.
+Out: the temperature at which its softmax is calibrated; and the evidence from which the threshold
+of rejection is chosen: how new these views look as they are, and with their surroundings forgotten.
 """
 
 from collections.abc import Callable, Mapping
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pipeline.core.progress import Progress
-from pipeline.matching.rejection import Evidence, is_near
+from pipeline.matching.rejection import NoveltyEvidence, is_near
 from pipeline.matching.temperature import determined, temperature
 
 Novelties = Callable[
@@ -54,25 +54,25 @@ class KnownViews(NamedTuple):
         return KnownViews(self.content[rows], self.places[rows], self.xy_m[rows])
 
 
-def judge_held_out(
+def judge_validation(
     predict: Callable[[Tensor, Tensor | None], Prediction],
     novelties: Novelties,
-    held_out: KnownViews,
+    validation: KnownViews,
     block: NDArray[np.int64],
     place_xy_m: NDArray[np.float64],
     memory: KnownViews,
     neighbour_m: float,
     progress: Progress,
     fallback: float | None = None,
-) -> tuple[float, Evidence]:
-    """The temperature, and the evidence of h held-out views.
+) -> tuple[float, NoveltyEvidence]:
+    """The temperature, and the evidence of h validation views.
 
     Each view is asked twice: as seen, and as unseen, when the places and training views nearer than
     `neighbour_m` are forgotten. `place_xy_m` (place, 2) are the positions of the places, `memory`
-    the features of the training views, `block` (h,) is the held-out block of each view. If the
+    the features of the training views, `block` (h,) is the validation block of each view. If the
     views do not determine a temperature, it is the `fallback`.
     """
-    heights, places, xy_m = held_out
+    heights, places, xy_m = validation
     seen = predict(heights, None)
     unseen = predict(heights, torch.from_numpy(is_near(xy_m, place_xy_m, neighbour_m)))
 
@@ -81,7 +81,7 @@ def judge_held_out(
         if fallback is not None:
             softness = fallback
         else:
-            line = f"the {len(places)} held-out views fix no temperature, {softness:.3g} is used"
+            line = f"the {len(places)} validation views fix no temperature, {softness:.3g} is used"
             progress.tell(f"{line}: confidence and tempered_entropy are not calibrated")
 
     memory_features = memory.content.numpy()
@@ -89,7 +89,7 @@ def judge_held_out(
     unseen_cosines = (unseen.features.numpy() @ memory_features.T).astype(np.float64)
     # A forgotten training view is as unlike as a view can be.
     unseen_cosines[is_near(xy_m, memory.xy_m, neighbour_m)] = -1
-    return softness, Evidence(
+    return softness, NoveltyEvidence(
         right=seen.scores.argmax(axis=1) == places,
         seen=novelties(seen.scores, softness, seen_cosines.max(axis=1)),
         unseen=novelties(unseen.scores, softness, unseen_cosines.max(axis=1)),

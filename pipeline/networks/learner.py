@@ -3,19 +3,19 @@
 The steps of `learn` (METHODS 2): views with their places in, a model out.
 
 1. Hold out blocks of the path, and train on the other views; the epoch is kept that answers most
-   held-out views right.
-2. On the held-out views find the temperature, and the evidence for the threshold of rejection.
+   validation views right.
+2. On the validation views find the temperature, and the evidence for the threshold of rejection.
 3. If the method wants it (`refit`), train on all views for the end of the schedule.
 4. Store the weights, and of each view what answers need.
 
-The steps of `grow` (METHODS 11.1): a model, the views that it knows and those of new days in, a
+The steps of `update` (METHODS 11.1): a model, the views that it knows and those of new days in, a
 model of all days out.
 
 1. Widen the network's last layer by a row for each new place (`widened`).
 2. Choose what to train on: the new views, and of each known place the views of the highest loss
    (`hardest`).
 3. Train; where the earlier network is right, keep the new one near its answers (`distilled`).
-4. Gather evidence from the held-out blocks of the new days.
+4. Gather evidence from the validation blocks of the new days.
 """
 
 from collections.abc import Callable
@@ -47,17 +47,17 @@ class Learner(Classifier):
         Raises ConfigError or InputError if they do not suit the network.
         """
         data = TrainingSet.joined([TrainingSet(views, places)])
-        is_held_out = blocks(self, data)
-        trained = np.flatnonzero(~is_held_out)
-        if not is_held_out.any():  # a path too short for blocks is judged on its trained views
-            is_held_out = ~is_held_out
+        is_validation = blocks(self, data)
+        trained = np.flatnonzero(~is_validation)
+        if not is_validation.any():  # a path too short for blocks is judged on its trained views
+            is_validation = ~is_validation
         with loop.reproducible(self.threads):
             torch.manual_seed(self.seed)
             net = self.network(int(data.places.max()) + 1, *data.views.images.shape[1:])
             training = Training(
                 method=self,
                 data=data,
-                is_held_out=is_held_out,
+                is_validation=is_validation,
                 net=net.to(device()),
                 progress=progress,
                 step=self.step,
@@ -69,20 +69,20 @@ class Learner(Classifier):
                 training.fit(trained, self.refit, "refit")
             return training.model(softness, evidence, trained, curves)
 
-    def grow(
+    def extend(
         self, model: Model, known_set: TrainingSet, new_set: TrainingSet, progress: Progress
     ) -> Model:
         """Train on with the views of further days.
 
-        The evidence is the model's own together with that of the new days' held-out blocks; the
-        earlier blocks cannot serve as held-out queries again, since the network may have been
+        The evidence is the model's own together with that of the new days' validation blocks; the
+        earlier blocks cannot serve as validation queries again, since the network may have been
         trained on them meanwhile. Raises InputError if views or places do not continue those of
         the model.
         """
         data = TrainingSet.joined([known_set, new_set])
         new_rows = len(known_set) + np.arange(len(new_set))
-        new_held_out = blocks(self, new_set)  # whether each new view is in a held-out block
-        is_held_out = np.concatenate([np.zeros(len(known_set), bool), new_held_out])
+        is_new_validation = blocks(self, new_set)  # whether each new view is in a validation block
+        is_validation = np.concatenate([np.zeros(len(known_set), bool), is_new_validation])
         with loop.reproducible(self.threads):
             torch.manual_seed(self.seed)
             earlier_net = self.filled(model)
@@ -90,7 +90,7 @@ class Learner(Classifier):
             training = Training(
                 method=self,
                 data=data,
-                is_held_out=is_held_out,
+                is_validation=is_validation,
                 net=net.to(device()),
                 progress=progress,
                 step=partial(distilled, self, earlier_net),
@@ -102,14 +102,14 @@ class Learner(Classifier):
             feature_places = new_set.places[feature_rows.numpy()]
             net.load_state_dict(widened(earlier_net, features, feature_places))
             known_logits = self.predict(earlier_net, training.heights[: len(known_set)]).logits
-            rehearsed_rows = hardest(known_logits, known_set.places, self.rehearsed)
-            trained_rows = np.concatenate([rehearsed_rows, new_rows])
-            curves = training.fit(trained_rows[~is_held_out[trained_rows]], self.grown)
-            # The queries are the held-out views; the others are what they are matched against.
-            matched_rows = np.flatnonzero(~is_held_out)
+            replayed_rows = hardest(known_logits, known_set.places, self.replayed)
+            trained_rows = np.concatenate([replayed_rows, new_rows])
+            curves = training.fit(trained_rows[~is_validation[trained_rows]], self.incremental)
+            # The queries are the validation views; the others are what they are matched against.
+            matched_rows = np.flatnonzero(~is_validation)
             softness, evidence = training.evidence(matched_rows, model)
             if self.refit:
-                training.fit(trained_rows, self.refit * self.grown, "refit")
+                training.fit(trained_rows, self.refit * self.incremental, "refit")
             return training.model(softness, evidence, np.arange(len(data)), curves)
 
 
@@ -177,12 +177,12 @@ def distilled(
     # number of places is the place.
     place_count = earlier_logits.shape[-1]
     logits = method.whole(answers[0]).float()[..., :place_count]
-    log_chances = (logits / SOFTNESS).flatten(1).log_softmax(1)
-    earlier_log_chances = (earlier_logits / SOFTNESS).flatten(1).log_softmax(1)
+    log_probabilities = (logits / SOFTNESS).flatten(1).log_softmax(1)
+    earlier_log_probabilities = (earlier_logits / SOFTNESS).flatten(1).log_softmax(1)
     divergence = nn.functional.kl_div(
-        log_chances, earlier_log_chances, reduction="none", log_target=True
+        log_probabilities, earlier_log_probabilities, reduction="none", log_target=True
     ).sum(1)
-    was_right = earlier_log_chances.argmax(1) % place_count == places
+    was_right = earlier_log_probabilities.argmax(1) % place_count == places
     distance = (divergence * was_right).mean()
     # Its gradient shrinks with the square of the temperature, which is made up for (Hinton et al.).
     return loss + method.distilled * SOFTNESS**2 * distance, right, count

@@ -1,7 +1,7 @@
 """The training loop of all networks: `play_rounds`, and of it `fit` for all but adversarial ones.
 
 In: a network, and functions that draw the batches of an epoch, compute the loss of a batch, and
-judge the network on held-out rows. Out: the network with its best weights, and the curves of
+judge the network on validation rows. Out: the network with its best weights, and the curves of
 training. It goes on from a checkpoint after an interruption, and ends with the same weights.
 
 Beside it are its parts, which other trainings use too: fixed random draws, the arithmetic of a
@@ -35,7 +35,7 @@ Step = Callable[[Callable[..., Tensor], Batch], tuple[Tensor, Tensor, int]]
 """Computes, from a network and a batch, the mean loss of the answers, how many are right, and of
 how many."""
 Judge = Callable[[Any], tuple[float, float]]
-"""Computes loss and accuracy of a network on held-out rows."""
+"""Computes loss and accuracy of a network on validation rows."""
 Schedule = Literal["one_cycle", "stepped", "constant"]
 Precision = Literal["auto", "bf16", "f32"]
 BEST = "best/"
@@ -44,7 +44,7 @@ CURVE = "curves/"
 present weights is NET."""
 Curves = dict[str, list[float]]
 """Numbers of a training by name, one a round."""
-CURVES = ("loss", "accuracy", "held_out_loss", "held_out_accuracy")
+CURVES = ("loss", "accuracy", "validation_loss", "validation_accuracy")
 """What is recorded of each epoch."""
 
 
@@ -162,7 +162,7 @@ def fit(
 ) -> dict[str, NDArray[Any]]:
     """Train `net` with Adam on the loss of `step`, and leave the weights of the best epoch in it.
 
-    The best epoch is the one of the highest held-out accuracy by `judge`, of equals the last one;
+    The best epoch is the one of the highest validation accuracy by `judge`, of equals the last one;
     without a judge it is the last. Returns arrays as a model stores them: `best_epoch`, counted
     from 0, and for each of CURVES `curves/` (epoch,).
 
@@ -196,10 +196,12 @@ def fit(
                 f"training diverged: its loss in epoch {epoch + 1} is {loss}; lower "
                 "method.learning_rate"
             )
-        held_out_loss, held_out_accuracy = judge(net) if judge else (math.nan, 0.0)
-        held_out = {"held_out": held_out_accuracy} if judge else {}
-        progress.note(epoch=epoch + 1, loss=loss, accuracy=accuracy, **held_out)
-        return dict(zip(CURVES, (loss, accuracy, held_out_loss, held_out_accuracy), strict=True))
+        validation_loss, validation_accuracy = judge(net) if judge else (math.nan, 0.0)
+        validation = {"validation": validation_accuracy} if judge else {}
+        progress.note(epoch=epoch + 1, loss=loss, accuracy=accuracy, **validation)
+        return dict(
+            zip(CURVES, (loss, accuracy, validation_loss, validation_accuracy), strict=True)
+        )
 
     activity = "train" if judge else "refit"
     curves = play_rounds(
@@ -262,8 +264,9 @@ def play_rounds(
 
 
 def _most_accurate(curves: Curves) -> int:
-    """The best epoch: not that of the lowest held-out loss, which rises as the ranking improves."""
-    return last_of_highest(curves["held_out_accuracy"])
+    """The best epoch: not that of the lowest validation loss, which rises as the ranking
+    improves."""
+    return last_of_highest(curves["validation_accuracy"])
 
 
 def last_of_highest(accuracies: Sequence[float] | NDArray[np.float64]) -> int:

@@ -30,7 +30,7 @@ EPSILON = 1e-3
 """What the batch norms add to the variance."""
 HEADING_SOFTNESS = 2.0
 """Temperature of the softmax over a place's headings, whose circular mean is the answer: at 1 the
-mean is drawn to the nearest heading. Chosen on held-out blocks of two simulated worlds."""
+mean is drawn to the nearest heading. Chosen on validation blocks of two simulated worlds."""
 
 
 @dataclass(frozen=True)
@@ -173,10 +173,12 @@ def _layer(weights: Weights, convolution: str, norm: str, wraps: bool) -> Layer:
     return Layer(flat, weights[f"{convolution}.bias"], rows, columns, wraps, scale, offset)
 
 
-def _circular_mean_deg(chances: NDArray[Any]) -> NDArray[Any]:
-    """The circular mean heading (n,) of chances (heading, n)."""
-    angles = np.linspace(0, 2 * np.pi, len(chances), endpoint=False, dtype=np.float32)
-    return wrapped_deg(np.rad2deg(np.arctan2(np.sin(angles) @ chances, np.cos(angles) @ chances)))
+def _circular_mean_deg(probabilities: NDArray[Any]) -> NDArray[Any]:
+    """The circular mean heading (n,) of probabilities (heading, n)."""
+    angles = np.linspace(0, 2 * np.pi, len(probabilities), endpoint=False, dtype=np.float32)
+    return wrapped_deg(
+        np.rad2deg(np.arctan2(np.sin(angles) @ probabilities, np.cos(angles) @ probabilities))
+    )
 
 
 def _of_length_1(vector: NDArray[Any]) -> NDArray[Any]:

@@ -15,10 +15,10 @@ from torch import Tensor, nn
 from pipeline.core.progress import Progress
 from pipeline.matching import holdout
 from pipeline.matching.ranking import Model, TrainingSet
-from pipeline.matching.rejection import Evidence
+from pipeline.matching.rejection import NoveltyEvidence
 from pipeline.networks import loop
 from pipeline.networks.classifier import Classifier
-from pipeline.networks.evidence import KnownViews, Prediction, judge_held_out
+from pipeline.networks.evidence import KnownViews, Prediction, judge_validation
 from pipeline.networks.lenet import device
 
 
@@ -28,8 +28,8 @@ class Training:
 
     method: Classifier
     data: TrainingSet
-    is_held_out: NDArray[np.bool_]
-    """(n,) which views are held out, until everything is chosen."""
+    is_validation: NDArray[np.bool_]
+    """(n,) which views are kept for validation, until everything is chosen."""
     net: nn.Module
     progress: Progress
     step: loop.Step[Any]
@@ -80,9 +80,9 @@ class Training:
         return loop.fit(self.net, batches, judge, progress=progress, **settings)
 
     def judge(self, net: nn.Module) -> tuple[float, float]:
-        """Loss and accuracy on the held-out views."""
-        logits = self.method.predict(net, self.heights[self.is_held_out]).logits
-        classes = torch.from_numpy(self.data.places[self.is_held_out])
+        """Loss and accuracy on the validation views."""
+        logits = self.method.predict(net, self.heights[self.is_validation]).logits
+        classes = torch.from_numpy(self.data.places[self.is_validation])
         loss = float(nn.functional.cross_entropy(logits, classes))
         accuracy = float((logits.argmax(1) == classes).float().mean())
         return loss, accuracy
@@ -101,37 +101,39 @@ class Training:
         known_views = KnownViews(features, places[feature_rows], self.xy_m[feature_rows])
         return known_views, feature_rows, remembered_arrays
 
-    def evidence(self, rows: NDArray[np.int64], earlier: Model | None) -> tuple[float, Evidence]:
-        """The temperature and the evidence of the held-out views, if `rows` are remembered.
+    def evidence(
+        self, rows: NDArray[np.int64], earlier: Model | None
+    ) -> tuple[float, NoveltyEvidence]:
+        """The temperature and the evidence of the validation views, if `rows` are remembered.
 
-        The evidence of an `earlier` model is joined to it. If no view is held out, both are those
-        of the earlier model.
+        The evidence of an `earlier` model is joined to it. If no view is kept for validation, both
+        are those of the earlier model.
         """
         earlier_temperature = None if earlier is None else float(earlier["temperature"])
-        if earlier_temperature is not None and not self.is_held_out.any():
-            return earlier_temperature, Evidence.of(earlier or {})
+        if earlier_temperature is not None and not self.is_validation.any():
+            return earlier_temperature, NoveltyEvidence.of(earlier or {})
         all_views, feature_rows, remembered_arrays = self.remembered(rows)
-        # The held-out views must not be found among those remembered.
+        # The validation views must not be found among those remembered.
         known_views = all_views.some(torch.isin(feature_rows, torch.from_numpy(rows)))
-        images = self.images[self.is_held_out]
+        images = self.images[self.is_validation]
 
         def predict(heights: Tensor, forgotten: Tensor | None) -> Prediction:
-            """The outputs for held-out views."""
+            """The outputs for validation views."""
             prediction = self.method.predict(self.net, heights, forgotten)
             return self.method.reranked(prediction, images, remembered_arrays)
 
         all_heights = KnownViews(self.heights, self.data.places, self.xy_m)
-        held_out_views = all_heights.some(self.is_held_out)
+        validation_views = all_heights.some(self.is_validation)
         block = holdout.numbered(
             self.data.views.world_T_anchor,
-            self.is_held_out,
-            self.method.held_out_every_m,
-            self.method.held_out_length_m,
+            self.is_validation,
+            self.method.validation_every_m,
+            self.method.validation_length_m,
         )
-        softness, evidence = judge_held_out(
+        softness, evidence = judge_validation(
             predict=predict,
             novelties=self.method.novelties,
-            held_out=held_out_views,
+            validation=validation_views,
             block=block,
             place_xy_m=self.place_xy_m,
             memory=known_views,
@@ -140,11 +142,11 @@ class Training:
             fallback=earlier_temperature,
         )
         if earlier is not None:
-            evidence = Evidence.joined([Evidence.of(earlier), evidence])
+            evidence = NoveltyEvidence.joined([NoveltyEvidence.of(earlier), evidence])
         return softness, evidence
 
     def model(
-        self, softness: float, evidence: Evidence, rows: NDArray[np.int64], curves: Model
+        self, softness: float, evidence: NoveltyEvidence, rows: NDArray[np.int64], curves: Model
     ) -> Model:
         """The arrays of the model, which remembers `rows`."""
         known_views, _, remembered_arrays = self.remembered(rows)
@@ -165,8 +167,8 @@ class Training:
 
 
 def blocks(method: Classifier, data: TrainingSet) -> NDArray[np.bool_]:
-    """Which views (n,) are held out: blocks of the path, by the method's settings."""
+    """Which views (n,) are kept for validation: blocks of the path, by the method's settings."""
     _, places = np.unique(data.places, return_inverse=True)  # numbered without gaps
     return holdout.blocks(
-        data.views.world_T_anchor, places, method.held_out_every_m, method.held_out_length_m
+        data.views.world_T_anchor, places, method.validation_every_m, method.validation_length_m
     )

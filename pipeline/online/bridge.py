@@ -6,7 +6,7 @@ from collections.abc import Callable
 import zenoh
 
 from pipeline.core.errors import ConfigError, YearlocError
-from pipeline.core.frames import Poses, moved
+from pipeline.core.frames import Poses, transformed
 from pipeline.online.bodies import CDR, FLOATS, points
 from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.outputs import person, record
@@ -42,7 +42,7 @@ def run(
     site: Site,
     session: zenoh.Session,
     key: str,
-    promise: float | None,
+    target_precision: float | None,
     ready: Callable[[], None],
     tell: Callable[[str], None],
     body_T_lidar: Poses | None = None,
@@ -55,7 +55,7 @@ def run(
     """
     if body_T_lidar is None:
         body_T_lidar = raised(site.description.sensor.lift_m)
-    tracker = Tracker(site, promise)
+    tracker = Tracker(site, target_precision)
     publisher = session.declare_publisher(f"{key}/fix", encoding=zenoh.Encoding.APPLICATION_JSON)
     scans = session.declare_subscriber(f"{key}/points", zenoh.handlers.RingChannel(1))
     ready()
@@ -63,7 +63,7 @@ def run(
         kind = CDR if str(sample.encoding) == CDR else FLOATS
         try:
             stamp_ns, points_m = points(sample.payload.to_bytes(), kind)
-            points_m = moved(body_T_lidar, points_m)
+            points_m = transformed(body_T_lidar, points_m)
             fix = tracker.localize(points_m, None, stamp_ns)
         except YearlocError as error:
             tell(str(error))

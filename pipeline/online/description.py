@@ -1,4 +1,5 @@
-"""Describes a site file for `yearloc inspect`: what it holds, promises and was made of."""
+"""Describes a site file for `yearloc inspect`: what it holds, its target precisions, and what it
+was made of."""
 
 from pathlib import Path
 
@@ -33,8 +34,8 @@ def _site(path: Path, parts: Parts) -> Inspection:
     anchors = arrays["world_T_anchor"]
     provenance = description.provenance
     days = [provenance.train]
-    if description.growth is not None:
-        days = [_day(day) for day in description.growth.days]
+    if description.incremental_learning is not None:
+        days = [_day(day) for day in description.incremental_learning.days]
     model_size = nbytes(sum(array.nbytes for array in model.values()))
     method = f"{_class_name(description.method)} on {_class_name(description.view)} views"
     if network is not None:
@@ -50,17 +51,17 @@ def _site(path: Path, parts: Parts) -> Inspection:
         ("places", f"{len(arrays['cells']):,} cells of {description.places.cell_m:g} m"),
         ("box", box(anchors[:, :3, 3], "xyz", 0)),
     )
-    title = f"promises of a pose, by {verdict.held_out} held-out blocks"
+    title = f"target precisions of a pose, by {verdict.validation} validation blocks"
     title += f"; of queries {verdict.unseen_share:g} are expected unseen"
     title += first_day_words(description)
-    inspection.add(title, *_promise_rows(verdict))
+    inspection.add(title, *_target_rows(verdict))
     inspection.add("sensor", *_sensor_rows(description.sensor))
     digests = [(name, digest or "unknown") for name, digest in provenance.md5.items()]
     inspection.add("made of", *digests)
     inspection.add("with", *provenance.versions.items())
     inspection.warn_if(
         not verdict.kept,
-        "no promise can be kept: every fix will be rejected",
+        "no target precision can be reached: every fix will be rejected",
     )
     return inspection
 
@@ -84,19 +85,19 @@ def _level(path: Path, parts: LevelParts) -> Inspection:
         ("origin", f"x {x_m:g} m, y {y_m:g} m, yaw {np.rad2deg(yaw_rad):g}°"),
         ("gathers", f"sweeps over {level.over_m:g} m of path"),
     )
-    title = f"promises of a pose, by {verdict.held_out} held-out blocks of its own"
+    title = f"target precisions of a pose, by {verdict.validation} validation blocks of its own"
     title += f"; of queries {verdict.unseen_share:g} are expected unseen"
-    inspection.add(title, *_promise_rows(verdict))
+    inspection.add(title, *_target_rows(verdict))
     inspection.add("with", *description.provenance.versions.items())
     return inspection
 
 
 def first_day_words(description: SiteDescription) -> str:
-    """Words that name the day on whose held-out queries a grown site's promises rest.
+    """Words that name the day on whose validation queries an updated site's promises rest.
 
-    They are empty for a site that has not grown.
+    They are empty for a site that has not been updated.
     """
-    days = () if description.growth is None else description.growth.days
+    days = () if description.incremental_learning is None else description.incremental_learning.days
     return f"; all of {days[0].day}, not of the days since" if len(days) > 1 else ""
 
 
@@ -110,16 +111,18 @@ def _class_name(settings: Settings) -> str:
     return str(settings["_target_"]).rpartition(".")[2]
 
 
-def _promise_rows(verdict: Verdict) -> list[tuple[str, str]]:
-    """A row for each promise: which fixes keep it."""
+def _target_rows(verdict: Verdict) -> list[tuple[str, str]]:
+    """A row for each target precision: which fixes are accepted at it."""
     rows = []
-    # A fix is rejected from the novelty `limit` on; it is 0 if the promise cannot be kept. A fix's
-    # novelty is one minus the chance that its pose is right.
-    for promise, limit in zip(verdict.promises, verdict.promised["fix"], strict=True):
-        which = "nothing keeps it: too few held-out blocks, or too many wrong"
-        if limit > 0:
-            which = f"fixes of a novelty below {float(limit):.3g}"
-        rows.append((f"{promise:g}", which))
+    # A fix is rejected from the novelty `threshold` on; it is 0 if the target precision cannot be
+    # kept. A fix's novelty is one minus the probability that its pose is right.
+    for target_precision, threshold in zip(
+        verdict.target_precisions, verdict.claim_thresholds["fix"], strict=True
+    ):
+        which = "nothing keeps it: too few validation blocks, or too many wrong"
+        if threshold > 0:
+            which = f"fixes of a novelty below {float(threshold):.3g}"
+        rows.append((f"{target_precision:g}", which))
     return rows
 
 

@@ -1,8 +1,8 @@
 """Exports a site's network to ONNX, and checks its answers against torch's (METHODS 10.4).
 
 The result is an ONNX file of the network, or a site that answers through ONNX Runtime. The two
-networks are compared on random views; where their answers differ by more than ALIKE_WITHIN, nothing
-is written.
+networks are compared on random views; where their answers differ by more than SIMILAR_WITHIN,
+nothing is written.
 """
 
 import json
@@ -32,7 +32,7 @@ from pipeline.networks.plain import NET
 from pipeline.online import site, site_file
 from pipeline.online.runtime import CLASSIFIED, INPUT, session
 
-ALIKE_WITHIN = 1e-4
+SIMILAR_WITHIN = 1e-4
 """Scores or descriptors of ONNX Runtime may differ from torch's by this."""
 VIEWS_TRIED = 32
 """They are compared on so many random views."""
@@ -94,8 +94,8 @@ def export(source: Path, out: Path, compact: bool = False) -> str:
     """Write the network of the site `source` as FILE.onnx, or as FILE.site that answers by it.
 
     Beside FILE.onnx goes FILE.parity.json. `compact` stores weights in 8 bits; answers may then
-    differ by more than ALIKE_WITHIN. Returns what was written, in a line. Raises ConfigError for a
-    method without a network, another ending of `out`, or answers that differ too much.
+    differ by more than SIMILAR_WITHIN. Returns what was written, in a line. Raises ConfigError for
+    a method without a network, another ending of `out`, or answers that differ too much.
     """
     description, model, arrays, network, _ = site_file.read(source)
     if out.suffix not in (".onnx", ".site"):
@@ -108,8 +108,8 @@ def export(source: Path, out: Path, compact: bool = False) -> str:
         f"on {parity.views} views {parity.largest:.1e} off torch at most, {parity.same_first:.0%} "
         "with the same best place"
     )
-    if parity.largest > ALIKE_WITHIN and not compact:
-        raise ConfigError(f"{source}: {comparison}; over {ALIKE_WITHIN:g}, nothing was written")
+    if parity.largest > SIMILAR_WITHIN and not compact:
+        raise ConfigError(f"{source}: {comparison}; over {SIMILAR_WITHIN:g}, nothing was written")
     if out.suffix == ".site":
         if not isinstance(method, Classifier):
             raise ConfigError(
@@ -117,7 +117,7 @@ def export(source: Path, out: Path, compact: bool = False) -> str:
                 "network alone"
             )
         other_arrays = {key: array for key, array in model.items() if not key.startswith(NET)}
-        answering = replace(description, growth=None)
+        answering = replace(description, incremental_learning=None)
         site_file.write(out, site_file.Parts(answering, other_arrays, arrays, data))
     else:
         with replaced(out) as scratch:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from pipeline.core.frames import moved
+from pipeline.core.frames import transformed
 from pipeline.evaluation.failures import JudgedFix
 from pipeline.mapping.from_above import INKS, Footprint, scan_on_map, standing
 from pipeline.online.inputs import Scan
@@ -50,7 +50,7 @@ def draw(targets: Targets, fix: JudgedFix, path: Path, heading_end: str) -> None
         away_m = np.linalg.norm(offsets_m, axis=1)
         nearest = np.argsort(away_m)[:NEAREST_SUBMAPS]
         map_m = [
-            moved(targets.world_T_anchor[row], standing(targets.points_m(row)))
+            transformed(targets.world_T_anchor[row], standing(targets.points_m(row)))
             for row in nearest.tolist()
         ]
         footprint = Footprint.of(np.concatenate(map_m), noise_points=0)  # a map is thinned

@@ -9,7 +9,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.frames import moved, pose
+from pipeline.core.frames import pose, transformed
 from pipeline.core.progress import Progress
 from pipeline.formats import kitti, nclt
 from pipeline.formats.pointcloud2 import finite
@@ -17,8 +17,8 @@ from pipeline.level.field import Field
 from pipeline.level.fix import LevelFixer
 from pipeline.level.level_map import Drawing
 from pipeline.level.sweeps import OVER_M, Gatherer
-from pipeline.matching.outlines import Outlines, outlines, reranked
 from pipeline.matching.ranking import Rows
+from pipeline.matching.return_profiles import ReturnProfiles, reranked, return_profiles
 from pipeline.methods.scan_context import ScanContext50
 from pipeline.online.tilt import lean
 from pipeline.posing.search import Answers, Fixer
@@ -53,9 +53,9 @@ def compile_kernels() -> float:
     rows = Rows(images, np.arange(count), anchors)
     ranker = ScanContext50(candidates=count)
     ranker.localizer(ranker.learn(rows, np.arange(count), Progress()))(rows, 1)
-    image_outlines = outlines(images)
-    trained = Outlines(image_outlines, np.arange(count), np.zeros(count, np.float32))
-    reranked(np.ones((count, count)), np.zeros((count, count)), image_outlines, trained)
+    image_return_profiles = return_profiles(images)
+    trained = ReturnProfiles(image_return_profiles, np.arange(count), np.zeros(count, np.float32))
+    reranked(np.ones((count, count)), np.zeros((count, count)), image_return_profiles, trained)
 
     # register one of them with the map of all
     grains = [np.rint(cloud_m / GRAIN_M).astype(np.int64) for cloud_m in clouds_m]
@@ -104,7 +104,7 @@ def street() -> NDArray[np.float64]:
         )
         parts += [front, side, front * (1, -1, 1), side * (1, -1, 1)]
     turned = pose(np.zeros((1, 3)), np.array([[0.0, 0.0, 0.3]]))[0]
-    return moved(turned, np.concatenate(parts))
+    return transformed(turned, np.concatenate(parts))
 
 
 def _decode_formats(points_m: NDArray[np.float64]) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, LogError, needed
-from pipeline.core.frames import Poses, Stamps, moved
+from pipeline.core.frames import Poses, Stamps, transformed
 from pipeline.formats.bag import CLOUD, TRANSFORMS
 from pipeline.formats.messages import from_cdr, header, poses
 from pipeline.formats.pointcloud2 import decode, times_s
@@ -59,12 +59,12 @@ class GrowingFile:
         """Read `size` bytes, or fewer if the file grows no more."""
         parts = []
         missing = size
-        last_growth_s = time.monotonic()
-        while missing > 0 and time.monotonic() - last_growth_s < self._idle_s:
+        last_update_s = time.monotonic()
+        while missing > 0 and time.monotonic() - last_update_s < self._idle_s:
             if part := self._file.read(missing):
                 parts.append(part)
                 missing = missing - len(part)
-                last_growth_s = time.monotonic()
+                last_update_s = time.monotonic()
             else:
                 time.sleep(POLL_S)
         return b"".join(parts)
@@ -285,7 +285,7 @@ class Following:
 def _points(data: bytes, stamp_ns: int, body_T_lidar: Poses, step: Poses) -> NDArray[np.float64]:
     """The points (n, 3) of a cloud's message, in the body, as they lay at its stamp."""
     cloud = from_cdr(data, CLOUD)
-    points_m = moved(body_T_lidar, decode(cloud))
+    points_m = transformed(body_T_lidar, decode(cloud))
     if not np.isfinite(step).all():
         return points_m
     return deskewed(points_m, times_s(cloud, stamp_ns), step, STEP_S)

@@ -29,11 +29,11 @@ class Recording(ExitStack):
     Clouds are in the frame `site`, poses in `map`; /tf_static leads from one to the other.
     """
 
-    def __init__(self, site: Site, out: Path | None, promise: float | None) -> None:
+    def __init__(self, site: Site, out: Path | None, target_precision: float | None) -> None:
         """Begin the recording `out`.
 
         `yearloc watch` makes all its streams with these arguments: this one always has a file, and
-        needs no promise.
+        needs no target precision.
         """
         super().__init__()
         assert out is not None

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.building import build
 from pipeline.core.errors import ConfigError, LogError, YearlocError
-from pipeline.core.frames import ROUNDED_NS, Poses, Stamps, moved
+from pipeline.core.frames import ROUNDED_NS, Poses, Stamps, transformed
 from pipeline.formats import bin_layout, folder, nclt
 from pipeline.formats.bag import CLOUD, SWEEP
 from pipeline.formats.bag_file import BagFile, find
@@ -156,7 +156,7 @@ class ScanOptions:
             clouds.stamps_ns,
             np.full_like(odom_T_body, np.nan),
             odom_T_body,
-            lambda row: moved(body_T_lidar, clouds.points(row)),
+            lambda row: transformed(body_T_lidar, clouds.points(row)),
             Counter(),
             times_s=clouds.times_s,
         )
@@ -245,7 +245,7 @@ def _unposed(
     return Scan(
         name=name,
         stamp_ns=stamp_ns,
-        points=lambda: moved(body_T_lidar, points()),
+        points=lambda: transformed(body_T_lidar, points()),
         odom_T_scan=NO_POSE,
         world_T_scan=NO_POSE,
         recording=name,
@@ -283,7 +283,7 @@ def _poses_at(odometry: Track, stamps_ns: Stamps) -> Poses:
     trajectory, _ = vehicle.split_at_jumps(odometry.name, odometry.trajectory)
     odom_T_child, _ = trajectory.at(stamps_ns)
     # the odometry starts again after each jump: the first scan there marks it, as in a log. A gap
-    # needs no mark: no scan within it has a pose, and drives in several files are told apart
+    # needs no mark: no scan within it has a pose, and drives in several files are distinguished
     restarts_ns = odometry.trajectory.stamps_ns[vehicle.jumps(odometry.trajectory)]
     first_rows = np.searchsorted(stamps_ns, restarts_ns - ROUNDED_NS)
     odom_T_child[first_rows[first_rows < len(stamps_ns)]] = np.nan

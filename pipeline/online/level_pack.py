@@ -14,9 +14,9 @@ from pipeline.core.schemas import Scans
 from pipeline.formats import nav2_map
 from pipeline.level.day import LevelDay, sweeps_basis
 from pipeline.level.fix import LevelFixer
-from pipeline.level.held_out import LevelHeldOut, Sweeps
 from pipeline.level.level_map import LevelMap
 from pipeline.level.sweeps import OVER_M
+from pipeline.level.validation import LevelValidation, Sweeps
 from pipeline.level.verdict import NO_EVIDENCE, verdict_of
 from pipeline.online import site_file
 from pipeline.online.site_json import (
@@ -25,7 +25,7 @@ from pipeline.online.site_json import (
     Provenance,
     Sensor,
 )
-from pipeline.posing.learning import Learned
+from pipeline.posing.learned_verdict import Learned
 from pipeline.posing.verdict import Verdict
 
 UNSEEN_SHARE = 0.2
@@ -39,8 +39,8 @@ CARMEN = {"_target_": "pipeline.readers.carmen.Carmen"}
 def pack_map(map_path: Path, out: Path) -> str:
     """Write the site of a Nav2 map; returns what it holds, in a line.
 
-    Its verdict has the usual limits, since a map has no sweeps to hold out and test them on. Raises
-    ArtifactError for a file that is no map of a building.
+    Its verdict has the usual thresholds, since a map has no sweeps to hold out and test them on.
+    Raises ArtifactError for a file that is no map of a building.
     """
     grid = nav2_map.read(map_path)
     try:
@@ -64,13 +64,14 @@ def pack_sweeps(
 ) -> str:
     """Write the site of a training day's level sweeps; returns what it holds, in a line.
 
-    `verdict` is the artifact that the stage `poses` wrote; without it stretches are held out here.
+    `verdict` is the artifact that the stage `poses` wrote; without it stretches are kept for
+    validation here.
     """
     sweeps = Sweeps.of(scans, is_posed=True)
     learned = Learned.read(verdict, sweeps_basis(sweeps, UNSEEN_SHARE))
-    what = "draw" if learned else "localise held-out stretches of"
+    what = "draw" if learned else "localise validation stretches of"
     progress.tell(f"{what} {len(sweeps.world_T_sweep)} sweeps")
-    day = LevelDay.of(sweeps, UNSEEN_SHARE, LevelHeldOut(), learned)
+    day = LevelDay.of(sweeps, UNSEEN_SHARE, LevelValidation(), learned)
     return _write(out, name, simulated, day.level_map, day.verdict, reader, train, None)
 
 
@@ -101,11 +102,12 @@ def _write(
     )
     arrays = {"occupancy": level_map.occupancy}
     site_file.write(out, site_file.LevelParts(description, arrays))
-    promises = ", ".join(map(str, description.verdict.kept)) or "nothing"
-    blocks = verdict.held_out
-    checked = f"checked on {blocks} held-out blocks" if blocks else "not checked in this one"
+    target_precisions = ", ".join(map(str, description.verdict.kept)) or "nothing"
+    blocks = verdict.validation
+    checked = f"checked on {blocks} validation blocks" if blocks else "not checked in this one"
     return (
         f"{out}: level, {level_map.free_m2:,.0f} m² of free space in cells of "
-        f"{level_map.cell_m:g} m, {out.stat().st_size / 1e6:.1f} MB; it promises {promises}, "
+        f"{level_map.cell_m:g} m, {out.stat().st_size / 1e6:.1f} MB; target precisions "
+        f"{target_precisions}, "
         f"learned in three recorded buildings and {checked}"
     )

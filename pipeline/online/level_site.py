@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
-from pipeline.core.frames import Poses, moved
+from pipeline.core.frames import Poses, transformed
 from pipeline.formats.bag import SWEEP
 from pipeline.level.field import Field
 from pipeline.level.fix import LevelFix
@@ -51,8 +51,8 @@ class LevelSite(Site):
         self.over_m = level.over_m
         self.level_fixer = level.fixer
         verdict = parts.description.verdict
-        self.doubt_judge = Judge(verdict.pose, verdict.place, OF_SWEEPS)
-        self.promises = verdict.limits
+        self.claim_judge = Judge(verdict.pose, verdict.place, OF_SWEEPS)
+        self.target_precisions = verdict.thresholds
 
     @property
     def path_m(self) -> None:
@@ -74,7 +74,7 @@ class LevelSite(Site):
         """The middles (n, 3) of the cells that are walls, in metres in the world, at z = 0."""
         cells = np.argwhere(self.level_map.walls)[:, ::-1]  # column, row
         grid_m = (cells + 0.5) * self.level_map.cell_m
-        world_m = moved(self.level_map.world_T_grid, grid_m)
+        world_m = transformed(self.level_map.world_T_grid, grid_m)
         return np.column_stack([world_m, np.zeros(len(world_m))])
 
     def drive(self) -> "SweepDrive":
@@ -101,22 +101,20 @@ class LevelSite(Site):
         self,
         query: Gathered,
         registered: AnyFix,
-        promise: float | None,
+        target_precision: float | None,
         is_tracked: bool = False,
     ) -> Fix:
         """The fix of gathered sweeps; rejected if the laser may be mounted otherwise than was said.
 
         Of tracked sweeps this is asked only where odometry contradicts them.
         """
-        ordered = registered.ordered(self.doubt_judge.pose)
-        fix = self.judge(ordered, promise)
+        ordered = registered.ordered(self.claim_judge.pose)
+        fix = self.judge(ordered, target_precision)
         if fix.verdict not in WORDS or (is_tracked and not query.is_contradicted):
             return fix
         if not self.level_fixer.is_misread(self.field, query, ordered):
             return fix
-        return replace(
-            fix, verdict="rejected", novelty=1.0, place_novelty=1.0, promised_precision=None
-        )
+        return replace(fix, verdict="rejected", novelty=1.0, place_novelty=1.0, accepted_at=None)
 
     def rank(self, points_m: NDArray[np.float64]) -> Ranking:
         """A level site ranks no places; raises InputError."""

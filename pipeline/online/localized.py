@@ -24,13 +24,14 @@ class Localized(NamedTuple):
 def localized(
     scans: Iterable[Scan],
     localizer: Site | Tracker,
-    promise: float | None,
+    target_precision: float | None,
     broken: list[str],
 ) -> Iterator[Localized]:
     """The fix of each scan, one after the other.
 
-    A site localises each scan alone, with `promise`; a tracker follows them, with its own promise.
-    A scan that cannot be read is passed over, and the reason is appended to `broken`.
+    A site localises each scan alone, with `target_precision`; a tracker follows them, with its own
+    target precision. A scan that cannot be read is passed over, and the reason is appended to
+    `broken`.
     """
     for scan in scans:
         try:
@@ -40,14 +41,14 @@ def localized(
             broken.append(reason if scan.name in reason else f"{scan.name}: {reason}")
             continue
         if isinstance(localizer, Site):
-            yield Localized(scan, points_m, localizer.localize(points_m, promise))
+            yield Localized(scan, points_m, localizer.localize(points_m, target_precision))
         else:
             yield Localized(scan, points_m, localizer.follow(scan, points_m))
 
 
-def tracker_of(site: Site, promise: float | None, track: bool) -> Tracker | None:
+def tracker_of(site: Site, target_precision: float | None, track: bool) -> Tracker | None:
     """The tracker that follows the scans in a site; None if each scan is localised alone.
 
     A level site always has one, since its sweeps are gathered; `track` says if it tracks the robot.
     """
-    return Tracker(site, promise, is_tracking=track) if track or site.gathers else None
+    return Tracker(site, target_precision, is_tracking=track) if track or site.gathers else None

@@ -36,7 +36,7 @@ class Motion:
     def __init__(self) -> None:
         self._last_fix: tuple[NDArray[np.float64], float] | None = None  # its pose and its time
         self._since_fix_s = 0.0
-        # by the last two fixes that told a speed
+        # by the last two fixes that gave a speed
         self._speed_m_s = np.zeros(3)  # in the robot's frame
         self._turn_rad_s = np.zeros(3)  # a rotation vector
         self._fix_interval_s = 0.0  # 0 while the speed is unknown
@@ -48,8 +48,8 @@ class Motion:
     def predict(self, took_s: float) -> NDArray[np.float64]:
         """The step (4, 4) that the robot makes in `took_s` seconds at the speed of the last fixes.
 
-        Where the clock jumped back or far ahead, the time between the last two fixes that told a
-        speed is taken. Without such fixes the robot is predicted to stand still.
+        Where the clock jumped back or far ahead, the time between the last two fixes that reported
+        a speed is taken. Without such fixes the robot is predicted to stand still.
         """
         seconds = self._plausible_s(took_s)
         step = np.eye(4)
@@ -57,7 +57,7 @@ class Motion:
         step[:3, :3] = Rotation.from_rotvec(seconds * self._turn_rad_s).as_matrix()
         return step
 
-    def doubt(self, took_s: float) -> tuple[float, float]:
+    def deviations(self, took_s: float) -> tuple[float, float]:
         """The standard deviations of the step predicted for `took_s`, in metres and degrees.
 
         If the robot accelerates by a, the prediction is off by ½ a t² at t seconds after the last
@@ -104,7 +104,7 @@ class Motion:
         if is_too_fast or np.linalg.norm(turn_rad_s) > np.deg2rad(FASTEST_DEG_S):
             return
         if self._fix_interval_s:
-            # a = 2 d / t², as `doubt` has it
+            # a = 2 d / t², as `deviations` has it
             off_m, off_deg = distance_and_turn(self.predict(seconds)[None], step[None])
             acceleration = 2 * np.array([off_m[0], off_deg[0]]) / seconds**2
             self._acceleration_squares = self._acceleration_squares + acceleration**2
@@ -115,12 +115,13 @@ class Motion:
 
     def _plausible_s(self, took_s: float) -> float:
         """The time of a step. Where it is negative or long, the time between the last two fixes
-        that told a speed; while none did, this is 0.
+        that gave a speed; while none did, this is 0.
         """
         return took_s if 0 <= took_s <= LONGEST_S else self._fix_interval_s
 
     def _counted_s(self, took_s: float) -> float:
-        """The time by which a step's doubt grows; too short a time counts as that between fixes."""
+        """The time by which a step's deviation grows; too short a time counts as that between
+        fixes."""
         seconds = self._plausible_s(took_s)
         return self._fix_interval_s if seconds < SHORTEST_S else seconds
 
@@ -130,7 +131,7 @@ class Step(NamedTuple):
 
     before_T_now: NDArray[np.float64]
     """(4, 4)."""
-    doubt: tuple[float, float] | None = None
+    deviations: tuple[float, float] | None = None
     """Its standard deviations in metres and degrees, if it was predicted."""
     is_anywhere: bool = False
     """Whether the robot may have gone anywhere before, so that it must be forgotten."""
@@ -181,7 +182,7 @@ class ScanDrive:
             return Step(step)
         passed_s = 1.0 if took_s is None else took_s
         predicted = Step(
-            self._motion.predict(passed_s), self._motion.doubt(passed_s), passed_s > LONGEST_S
+            self._motion.predict(passed_s), self._motion.deviations(passed_s), passed_s > LONGEST_S
         )
         self._motion.advance(passed_s)
         return predicted

@@ -37,7 +37,7 @@ COLUMNS = (
     "novelty",
     "place_novelty",
     "overlap",
-    "promised_precision",
+    "accepted_at",
     "ms",
 )
 """The columns of a CSV file: all of a fix that a row can hold; the stamp is in seconds."""
@@ -59,7 +59,7 @@ def record(scan: Scan, fix: Fix) -> dict[str, Any]:
         {
             "place": runner_up.place,
             "overlap": round(runner_up.overlap, 4),
-            "chance": round(runner_up.chance, 6),
+            "probability": round(runner_up.probability, 6),
             **_pose(runner_up.world_T_sensor),
         }
         for runner_up in fix.runners_up
@@ -79,7 +79,7 @@ def _row(scan: Scan, fix: Fix) -> list[Any]:
         round(fix.novelty, 6),
         round(fix.place_novelty, 6),
         round(fix.overlap, 4),
-        fix.promised_precision,
+        fix.accepted_at,
         round(fix.ms, 1),
     )
     return [stamp, scan.name, fix.verdict, fix.place, *_pose(fix.world_T_sensor).values(), *numbers]
@@ -101,7 +101,7 @@ def stamp_of(scan: Scan, number: int) -> int:
 
 def in_world(fix: Fix) -> NDArray[np.float64]:
     """The covariance (6, 6) of a fix along the world's axes: x, y, z, then turns, as in ROS."""
-    both_turned = np.kron(np.eye(2), fix.world_T_sensor[:3, :3])  # the turns and the steps alike
+    both_turned = np.kron(np.eye(2), fix.world_T_sensor[:3, :3])  # the turns and the steps similar
     turns_first = both_turned @ fix.covariance @ both_turned.T
     steps_first = [3, 4, 5, 0, 1, 2]
     return np.asarray(turns_first[np.ix_(steps_first, steps_first)])

@@ -2,7 +2,7 @@
 
 1. Read the model and the artifacts of its training day.
 2. Thin the day's submaps into a map, unless that is an artifact already.
-3. Read when a fix is to be believed, as the stage `poses` has learned it from held-out blocks of
+3. Read when a fix is to be accepted, as the stage `poses` has learned it from validation blocks of
    the day; or learn it here.
 4. Write all of it, with what it was made of, into one file.
 
@@ -23,27 +23,27 @@ from pipeline.core.compute import Compute
 from pipeline.core.errors import ConfigError
 from pipeline.core.grid import Grid
 from pipeline.core.progress import Progress
-from pipeline.level.held_out import Sweeps
+from pipeline.level.validation import Sweeps
 from pipeline.mapping.gathering import submap_points
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Model, Rows
-from pipeline.matching.rejection import HELD_OUT
+from pipeline.matching.rejection import VALIDATION
 from pipeline.online import site, site_file
 from pipeline.online.level_pack import pack_sweeps
 from pipeline.online.sensor import typical
 from pipeline.online.site_file import Arrays
 from pipeline.online.site_json import (
-    Growth,
+    Increments,
     LearnedDay,
     MapSettings,
     Provenance,
     Sensor,
     SiteDescription,
 )
-from pipeline.posing.held_out import Drive, HeldOut, TrainingDay
-from pipeline.posing.learning import VERDICT, Learned, basis
+from pipeline.posing.learned_verdict import VERDICT, Learned, basis
 from pipeline.posing.targets import write_map
-from pipeline.posing.verdict import PROMISES
+from pipeline.posing.validation import Drive, TrainingDay, ValidationBlocks
+from pipeline.posing.verdict import TARGET_PRECISIONS
 from pipeline.running.dvc_files import DvcLock
 from pipeline.running.texts import read_yaml
 from pipeline.studies.layout import Layout
@@ -51,7 +51,7 @@ from pipeline.studies.study import Study, StudyMethod
 
 VERSIONS = ("numpy", "numba", "torch", "small_gicp", "safetensors")
 """Packages whose versions a site records."""
-NOT_PACKED = (HELD_OUT, "curves/", "best_epoch")
+NOT_PACKED = (VALIDATION, "curves/", "best_epoch")
 """Arrays of a model whose names begin so are not needed to localise, and are left out."""
 SENSOR_SCANS = 9
 """What the sensor looks like is judged by so many scans, evenly spread."""
@@ -76,7 +76,7 @@ class Trained:
     map: Path
     """The day's map; it may be missing, and is then made."""
     verdict: Path | None = None
-    """What held-out blocks taught the stage `poses`; it may be missing, and is then learned."""
+    """What validation blocks taught the stage `poses`; it may be missing, and is then learned."""
 
     @classmethod
     def of_study(cls, layout: Layout, study: Study, grid: str, model_name: str) -> Self:
@@ -152,16 +152,16 @@ class Packing:
         trained_model = store.read_model(trained.model)
         settings = read_yaml(self.conf / "poses.yaml")
         k = int(settings["k"])
-        fixer, held_out = (build(settings[key], site.ROOTS) for key in ("fixer", "held_out"))
-        assert isinstance(held_out, HeldOut)
+        fixer, validation = (build(settings[key], site.ROOTS) for key in ("fixer", "validation"))
+        assert isinstance(validation, ValidationBlocks)
 
         learned_with = basis(
             trained.model.read_bytes(),
-            **{key: settings[key] for key in ("fixer", "held_out", "k", "unseen_share")},
+            **{key: settings[key] for key in ("fixer", "validation", "k", "unseen_share")},
         )
         learned = Learned.read(trained.verdict, learned_with)
 
-        # the map, and held-out blocks localised in it
+        # the map, and validation blocks localised in it
         with TemporaryDirectory() as scratch:
             map_path = trained.map
             if not map_path.is_dir():
@@ -180,7 +180,7 @@ class Packing:
                     k,
                 )
                 with Compute("processes") as compute:
-                    evidence = held_out.evidence(fixer, learned_day, compute, progress)
+                    evidence = validation.evidence(fixer, learned_day, compute, progress)
                 learned = Learned.of(evidence, evidence.verdict(settings["unseen_share"]))
             arrays = {key: site_map.load(key) for key in schemas.Maps.columns}
 
@@ -199,7 +199,9 @@ class Packing:
             reader=reader,
             sensor=self._sensor(scans, submaps, reader),
             provenance=self._provenance(trained),
-            growth=Growth(site_map.voxel_m, (LearnedDay(trained.train, len(views.stamps_ns)),)),
+            incremental_learning=Increments(
+                site_map.voxel_m, (LearnedDay(trained.train, len(views.stamps_ns)),)
+            ),
         )
 
         # the file
@@ -207,12 +209,15 @@ class Packing:
             key: array for key, array in trained_model.items() if not key.startswith(NOT_PACKED)
         }
         arrays = {**arrays, "cells": labels.cells, **learned.expectations.arrays}
-        growth_views = learned_from(views, trained_model)
-        site_file.write(out, site_file.Parts(description, model, arrays, None, growth_views))
+        incremental_learning_views = learned_from(views, trained_model)
+        site_file.write(
+            out, site_file.Parts(description, model, arrays, None, incremental_learning_views)
+        )
         places = f"{len(Places.of(labels).cells)} places, {len(arrays['world_T_anchor'])} submaps"
         return (
-            f"{out}: {places}, {out.stat().st_size / 1e6:.1f} MB; by {verdict.held_out} held-out "
-            f"blocks it {_promised_words(description.verdict.kept)}"
+            f"{out}: {places}, {out.stat().st_size / 1e6:.1f} MB; by {verdict.validation} "
+            "validation "
+            f"blocks it {_target_words(description.verdict.kept)}"
         )
 
     def _write_map(
@@ -259,22 +264,22 @@ def _method_and_variant(study: Study, name: str, model_name: str) -> tuple[Study
     return method, variant
 
 
-def _promised_words(kept: tuple[float, ...]) -> str:
-    """Words that say which of PROMISES a site keeps, and which not.
+def _target_words(kept: tuple[float, ...]) -> str:
+    """Words that say which of TARGET_PRECISIONS a site keeps, and which not.
 
-    PROMISES are the easiest first, so that the kept ones come first.
+    TARGET_PRECISIONS are the easiest first, so that the kept ones come first.
     """
-    words = f"promises {', '.join(map(str, kept)) or 'nothing'}"
-    if len(kept) < len(PROMISES):
-        words += f", not {', '.join(map(str, PROMISES[len(kept) :]))}"
+    words = f"target precisions {', '.join(map(str, kept)) or 'nothing'}"
+    if len(kept) < len(TARGET_PRECISIONS):
+        words += f", not {', '.join(map(str, TARGET_PRECISIONS[len(kept) :]))}"
     return words
 
 
 def learned_from(views: Rows, model: Model) -> Arrays:
     """The arrays that a site keeps in order to grow.
 
-    These are the views that its model learned from, for each the number of its day and the chance
-    that its pose is right, and the model's answers to held-out views.
+    These are the views that its model learned from, for each the number of its day and the
+    probability that its pose is right, and the model's answers to validation views.
     """
     n = len(views.stamps_ns)
     arrays = {
@@ -282,5 +287,5 @@ def learned_from(views: Rows, model: Model) -> Arrays:
         "stamps_ns": views.stamps_ns,
         "world_T_anchor": views.world_T_anchor,
     }
-    arrays |= {"days": np.zeros(n, np.int64), "chances": np.ones(n)}
-    return arrays | {name: array for name, array in model.items() if name.startswith(HELD_OUT)}
+    arrays |= {"days": np.zeros(n, np.int64), "probabilities": np.ones(n)}
+    return arrays | {name: array for name, array in model.items() if name.startswith(VALIDATION)}

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import softmax
 
-from pipeline.matching.outlines import Outlines, outlines, reranked
 from pipeline.matching.ranking import Localizer, Ranking, Rows
+from pipeline.matching.return_profiles import ReturnProfiles, reranked, return_profiles
 
 NETWORK = "network.onnx"
 """The name of an exported network in a site file."""
@@ -52,26 +52,30 @@ def localizer(network: Network, model: Mapping[str, NDArray[Any]]) -> Localizer:
     its first answer lies where the training view with the most similar features was taken.
     """
     place_xy_m = model["place_xy_m"]
-    training_outlines = Outlines.of(model) if Outlines.is_in(model) else None
+    training_return_profiles = ReturnProfiles.of(model) if ReturnProfiles.is_in(model) else None
 
     def localize(views: Rows, k: int) -> Ranking:
         answers = [network(np.asarray(image, np.float32)) for image in views.images]
         scores, features, heading_deg = (np.stack(parts) for parts in zip(*answers, strict=True))
-        if training_outlines:
+        if training_return_profiles:
             scores, heading_deg = reranked(
-                scores.astype(np.float64), heading_deg, outlines(views.images), training_outlines
+                scores.astype(np.float64),
+                heading_deg,
+                return_profiles(views.images),
+                training_return_profiles,
             )
-        chances = softmax(scores.astype(np.float64), axis=1)
-        places = np.argsort(-chances, axis=1, kind="stable")[:, :k]
+        probabilities = softmax(scores.astype(np.float64), axis=1)
+        places = np.argsort(-probabilities, axis=1, kind="stable")[:, :k]
         headings = np.take_along_axis(heading_deg, places, axis=1).astype(np.float32)
         xy_m = place_xy_m[places]
         if np.isfinite(headings).all():
             xy_m[:, 0] = model["memory_xy_m"][(features @ model["memory"].T).argmax(axis=1)]
-        # the chances (query, k) of these places; costs and novelty are one minus a chance
-        place_chances = np.take_along_axis(chances, places, axis=1)
-        costs = (1 - place_chances).astype(np.float32)
-        novelty = (1 - place_chances[:, :1]).astype(np.float32)
-        confidence = place_chances[:, 0].astype(np.float32)
-        return Ranking(places, costs, xy_m, novelty, confidence, headings, ("chance",))
+        # the probabilities (query, k) of these places; costs and novelty are one minus a
+        # probability
+        place_probabilities = np.take_along_axis(probabilities, places, axis=1)
+        costs = (1 - place_probabilities).astype(np.float32)
+        novelty = (1 - place_probabilities[:, :1]).astype(np.float32)
+        confidence = place_probabilities[:, 0].astype(np.float32)
+        return Ranking(places, costs, xy_m, novelty, confidence, headings, ("probability",))
 
     return localize

@@ -23,7 +23,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from pipeline.core.errors import ConfigError, InputError, LogError, YearlocError
-from pipeline.core.frames import Poses, moved
+from pipeline.core.frames import Poses, transformed
 from pipeline.online.bodies import CDR, FLOATS, LARGEST_BYTES, points
 from pipeline.online.inputs import NO_POSE, Scan, placement
 from pipeline.online.outputs import record
@@ -112,7 +112,7 @@ def serving(path: Path, token: str = "") -> FastAPI:
         nonlocal sensor_warnings, last_ms
         _authorise(request, token)
         _check_options(request)
-        promise = _promise(request, site)
+        target_precision = _target_precision(request, site)
         body_T_lidar = _placement(request, site)
         if waiting.locked():
             raise RequestError(
@@ -123,8 +123,8 @@ def serving(path: Path, token: str = "") -> FastAPI:
         async with waiting:
             body = await _body(request)
             stamp_ns, points_m = _points(body, request.headers.get("content-type", FLOATS))
-            points_m = moved(body_T_lidar, points_m)
-            future = localizing.submit(site.localize, points_m, promise)
+            points_m = transformed(body_T_lidar, points_m)
+            future = localizing.submit(site.localize, points_m, target_precision)
             try:
                 fix = await _while_connected(request, future)
             except YearlocError as error:
@@ -141,7 +141,7 @@ def serving(path: Path, token: str = "") -> FastAPI:
     async def healthz() -> dict[str, Any]:
         return {
             "site": site.name,
-            "promises": [*site.promises],
+            "target_precisions": [*site.target_precisions],
             "waiting": MOST_WAITING - waiting._value,
             "unlike": sensor_warnings,
         }
@@ -173,25 +173,25 @@ def _authorise(request: Request, token: str) -> None:
 
 def _check_options(request: Request) -> None:
     """Raise RequestError for an option that there is not."""
-    unknown_options = {*request.query_params} - {"promise", "lift_m", "body_T_lidar"}
+    unknown_options = {*request.query_params} - {"target_precision", "lift_m", "body_T_lidar"}
     if unknown_options:
         raise RequestError(
             400,
-            f"?{min(unknown_options):.30}: no such option; expected promise, lift_m or "
+            f"?{min(unknown_options):.30}: no such option; expected target_precision, lift_m or "
             "body_T_lidar",
         )
 
 
-def _promise(request: Request, site: Site) -> float | None:
-    """The promise that a request asks for; RequestError for one that the site cannot make."""
-    promise = None
-    if request.query_params.get("promise") != "none":
-        promise = _number(request, "promise", 0.99)
+def _target_precision(request: Request, site: Site) -> float | None:
+    """The target precision that a request asks for; RequestError where the site has none such."""
+    target_precision = None
+    if request.query_params.get("target_precision") != "none":
+        target_precision = _number(request, "target_precision", 0.99)
     try:
-        site.check(promise)
+        site.check(target_precision)
     except InputError as error:
         raise RequestError(400, str(error)) from None
-    return promise
+    return target_precision
 
 
 def _placement(request: Request, site: Site) -> Poses:

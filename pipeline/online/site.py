@@ -1,11 +1,11 @@
 """A site: all that it takes to localise scans in a place, opened from one file.
 
-A scan goes in, a `Fix` comes out: where it was taken, and whether to believe that (METHODS 10.1):
+A scan goes in, a `Fix` comes out: where it was taken, and whether to accept that (METHODS 10.1):
 
 1. The method ranks places by the scan (`rank`).
 2. The scan is registered with the map at these places, then all over the map (`register`): its
    hypotheses are the poses that it may have.
-3. The verdict that was learned with the site tells which to believe (`judge`).
+3. The verdict that was learned with the site tells which to accept (`judge`).
 """
 
 import time
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.building import build
 from pipeline.core.errors import ArtifactError, InputError, NotInstalledError, YearlocError
-from pipeline.core.frames import Poses, moved
+from pipeline.core.frames import Poses, transformed
 from pipeline.formats.bag import CLOUD
 from pipeline.mapping.appearance import is_level
 from pipeline.mapping.from_above import standing
@@ -31,10 +31,10 @@ from pipeline.online.motion import Drive, ScanDrive
 from pipeline.online.runtime import exported, localizer
 from pipeline.online.site_file import LevelParts, Parts, read, read_either
 from pipeline.posing.expectations import Expectations
-from pipeline.posing.fix import Fix as Registered
+from pipeline.posing.fix import ScanFix as Registered
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
-from pipeline.posing.verdict import BELIEFS, AnyFix, Judge
+from pipeline.posing.verdict import CLAIMS, AnyFix, Judge
 
 ROOTS = ("pipeline.methods.", "pipeline.views.", "pipeline.posing.")
 """A site file may name classes of these modules only."""
@@ -54,20 +54,20 @@ SWEEP_POINTS = 50
 WALLS_M = (0.3, np.inf)
 """Points below the first of these heights are ground, which would hide the walls."""
 Word = Literal["accepted", "near", "ambiguous", "rejected", "no pose"]
-"""The verdict on a fix, at the promised precision that was asked for.
+"""The verdict on a fix, at the target precision that was asked for.
 
 - accepted: the pose is right, within 2 m and 5° (in a level site 1 m and 10°).
 - near: the pose may be wrong, but the robot is within 15 m of it (in a level site 5 m).
 - ambiguous: the robot has the pose, or that of a runner-up.
-- rejected: none of these is believed.
+- rejected: none of these is accepted.
 - no pose: there are too few points, or nothing fits.
 """
 WORDS: tuple[Word, ...] = ("accepted", "near", "ambiguous")
-"""What is said of a fix if one of BELIEFS (posing/verdict.py) is believed: that its pose is right,
-that its place is right, or that its pose or a runner-up is. A belief has a doubt, one minus its
-chance, and is believed if its doubt is below a limit."""
-NO_LIMITS = (0.0,) * len(BELIEFS)
-"""With these limits nothing is believed."""
+"""What is said of a fix if one of CLAIMS (posing/verdict.py) is accepted: that its pose is right,
+that its place is right, or that its pose or a runner-up is. A claim has an error probability, one
+minus its probability, and is accepted if its error probability is below a threshold."""
+NO_THRESHOLDS = (0.0,) * len(CLAIMS)
+"""With these thresholds nothing is accepted."""
 
 
 @dataclass(frozen=True)
@@ -77,13 +77,13 @@ class RunnerUp:
     place: int
     world_T_sensor: NDArray[np.float64]
     overlap: float
-    chance: float
-    """The chance that this pose is right."""
+    probability: float
+    """The probability that this pose is right."""
 
 
 @dataclass(frozen=True)
 class Fix:
-    """Where a scan was taken, and whether to believe it."""
+    """Where a scan was taken, and whether to accept it."""
 
     verdict: Word
     place: int
@@ -98,19 +98,19 @@ class Fix:
     """The share of the scan's voxels that the map has within half a metre; in a level site, the
     share of beams that end at a wall of the map."""
     novelty: float
-    """One minus the chance that the pose is right."""
+    """One minus the probability that the pose is right."""
     place_novelty: float
-    """One minus the chance that the robot is within 15 m of the pose (in a level site 5 m)."""
-    promised_precision: float | None
-    """The highest promise that this pose keeps; None if it keeps none."""
+    """One minus the probability that the robot is within 15 m of the pose (in a level site 5 m)."""
+    accepted_at: float | None
+    """The highest target precision that this pose keeps; None if it keeps none."""
     runners_up: tuple[RunnerUp, ...]
     """Other poses, the likeliest first: 5 m or more away (in a level site 1 m or 20°)."""
     ms: float
     """Milliseconds from points to fix."""
 
     @property
-    def chance(self) -> float:
-        """The chance that the pose is right."""
+    def probability(self) -> float:
+        """The probability that the pose is right."""
         return 1 - self.novelty
 
 
@@ -141,15 +141,15 @@ class Site:
         self.targets = Targets(arrays, **vars(description.map))
         self.places = Places(description.places, arrays["cells"])
         verdict = description.verdict
-        self.doubt_judge = Judge(verdict.pose, verdict.place)
+        self.claim_judge = Judge(verdict.pose, verdict.place)
         self.fixer: Fixer = replace(
             build(description.fixer, ROOTS),
-            chances=self.doubt_judge.pose,
+            probabilities=self.claim_judge.pose,
             expectations=Expectations.of_arrays(arrays),
         )
-        self.promises: dict[float, tuple[float, ...]] = verdict.limits
-        """For each precision that can be promised of a pose, the limits of the doubts in
-        BELIEFS."""
+        self.target_precisions: dict[float, tuple[float, ...]] = verdict.thresholds
+        """For each target precision that a pose can reach, the thresholds of the error
+        probabilities in CLAIMS."""
         self.k = description.k
 
     @classmethod
@@ -179,7 +179,7 @@ class Site:
         ) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise ArtifactError(
-                f"{path}: its parts do not fit together ({reason}); pack the site anew"
+                f"{path}: its parts do not fit together ({reason}); pack the site again"
             ) from None
 
     @property
@@ -187,28 +187,34 @@ class Site:
         """STUDY/GRID/MODEL of the model that was packed; for a level site, the name of its map."""
         return self.description.name
 
-    def check(self, promise: float | None) -> None:
-        """Raise InputError for a promise that the site cannot make."""
-        if promise is not None and promise not in self.promises:
-            possible = "nor any other; ask for none"
-            if self.promises:
-                promises = " and ".join(map(str, self.promises))
+    def check(self, target_precision: float | None) -> None:
+        """Raise InputError for a target precision that the site has no threshold for."""
+        if target_precision is not None and target_precision not in self.target_precisions:
+            possible = "nor for any other; say none"
+            if self.target_precisions:
+                target_precisions = " and ".join(map(str, self.target_precisions))
                 possible = (
-                    f"it can {promises}: say --promise {min(self.promises)}, or promise= of that"
+                    f"it has thresholds for {target_precisions}: say --target-precision "
+                    f"{min(self.target_precisions)}, or target_precision= of these"
                 )
-            raise InputError(f"promise={promise:g}: this site cannot promise that, {possible}")
+            raise InputError(
+                f"target_precision={target_precision:g}: this site has no threshold for it; "
+                f"{possible}"
+            )
 
-    def localize(self, points_m: NDArray[np.floating], promise: float | None = 0.99) -> Fix:
+    def localize(
+        self, points_m: NDArray[np.floating], target_precision: float | None = 0.99
+    ) -> Fix:
         """Localise a scan's points (n, 3) in metres: x forward, y left, z up, ground at z = 0.
 
-        Points that are not finite are dropped. The fix is accepted if it keeps `promise`, one of
-        the precisions in `promises`; None accepts nothing. Raises InputError for points of another
-        shape, or a promise that the site cannot make.
+        Points that are not finite are dropped. The fix is accepted if it keeps `target_precision`,
+        one of the precisions in `target_precisions`; None accepts nothing. Raises InputError for
+        points of another shape, or a target precision that the site has no threshold for.
         """
         start = time.perf_counter()
-        self.check(promise)
+        self.check(target_precision)
         query = self.single(points_m)
-        fix = self.judge_query(query, self.seek(query), promise)
+        fix = self.judge_query(query, self.seek(query), target_precision)
         return replace(fix, ms=1e3 * (time.perf_counter() - start))
 
     def drive(self) -> Drive:
@@ -252,25 +258,31 @@ class Site:
         return self.fixer.fix(points_m, self.targets, answers)
 
     def judge_query(
-        self, query: Any, registered: AnyFix, promise: float | None, is_tracked: bool = False
+        self,
+        query: Any,
+        registered: AnyFix,
+        target_precision: float | None,
+        is_tracked: bool = False,
     ) -> Fix:
         """The fix of a query, by the poses that it may have; its time is yet to be filled in.
 
         `is_tracked` says that these were sought near a guess alone.
         """
-        return self.judge(registered, promise)
+        return self.judge(registered, target_precision)
 
-    def judge(self, registered: AnyFix, promise: float | None) -> Fix:
-        """The fix of a registered scan, with the verdict that a promise allows.
+    def judge(self, registered: AnyFix, target_precision: float | None) -> Fix:
+        """The fix of a registered scan, with the verdict that a target precision allows.
 
-        The hypotheses are in the order of their chances. The time is yet to be filled in.
+        The hypotheses are in the order of their probabilities. The time is yet to be filled in.
         """
         if not registered.hypotheses:
             return no_pose(registered.covariance)
-        # rounded as the doubts of a run are, from which the limits were learned
-        doubts = self.doubt_judge.doubts(registered).astype(np.float32).astype(np.float64)
-        pose_doubt, place_doubt, _ = doubts.tolist()
-        verdict, promised_precision = self.believed(doubts, promise)
+        # rounded as the error probabilities of a run are, from which the thresholds were learned
+        error_probabilities = (
+            self.claim_judge.error_probabilities(registered).astype(np.float32).astype(np.float64)
+        )
+        pose_error_probability, place_error_probability, _ = error_probabilities.tolist()
+        verdict, accepted_at = self.verdict_of(error_probabilities, target_precision)
         runners_up = []
         for number in registered.elsewhere[:RUNNERS_UP]:
             other = registered.hypotheses[number]
@@ -279,7 +291,7 @@ class Site:
                     self.place(other.world_T_query),
                     other.world_T_query,
                     other.overlap,
-                    registered.chances[number],
+                    registered.probabilities[number],
                 )
             )
         return Fix(
@@ -288,44 +300,52 @@ class Site:
             world_T_sensor=registered.pose,
             covariance=registered.covariance,
             overlap=registered.overlap,
-            novelty=pose_doubt,
-            place_novelty=place_doubt,
-            promised_precision=promised_precision,
+            novelty=pose_error_probability,
+            place_novelty=place_error_probability,
+            accepted_at=accepted_at,
             runners_up=tuple(runners_up),
             ms=0.0,
         )
 
-    def believed(
-        self, doubts: NDArray[np.float64], promise: float | None
+    def verdict_of(
+        self, error_probabilities: NDArray[np.float64], target_precision: float | None
     ) -> tuple[Word, float | None]:
-        """The verdict on a fix with a pose, by the doubts (belief,) in it and a promise.
+        """The verdict on a fix with a pose, by the error probabilities (claim,) in it and a target
+        precision.
 
-        Returns the first of WORDS whose belief keeps the promise, and the highest promise that the
-        pose keeps, None if it keeps none.
+        Returns the first of WORDS whose claim reaches the target precision, and the highest target
+        precision that the pose keeps, None if it keeps none.
         """
-        limits = NO_LIMITS if promise is None else self.promises.get(promise, NO_LIMITS)
+        thresholds = (
+            NO_THRESHOLDS
+            if target_precision is None
+            else self.target_precisions.get(target_precision, NO_THRESHOLDS)
+        )
         verdict: Word = "rejected"
-        for word, doubt, limit in zip(WORDS, doubts, limits, strict=True):
-            if doubt < limit:
+        for word, error_probability, threshold in zip(
+            WORDS, error_probabilities, thresholds, strict=True
+        ):
+            if error_probability < threshold:
                 verdict = word
                 break
-        kept_promises = [
+        met_precisions = [
             precision
-            for precision, (pose_limit, *_) in self.promises.items()
-            if doubts[0] < pose_limit
+            for precision, (pose_threshold, *_) in self.target_precisions.items()
+            if error_probabilities[0] < pose_threshold
         ]
-        return verdict, max(kept_promises, default=None)
+        return verdict, max(met_precisions, default=None)
 
-    def kept_along_path(self, fix: Fix, chance: float, by_path: bool) -> list[float]:
-        """The promises that a fix keeps, right with `chance` given all scans before.
+    def kept_along_path(self, fix: Fix, probability: float, by_path: bool) -> list[float]:
+        """The target precisions at which a fix is accepted, right with `probability` given all
+        scans before.
 
-        Unless it may be believed `by_path`, they are only those that it keeps alone.
+        Unless it may be accepted `by_path`, they are only those that it keeps alone.
         """
-        kept_alone = fix.promised_precision or 0.0
+        kept_alone = fix.accepted_at or 0.0
         return [
-            promise
-            for promise in self.promises
-            if chance >= promise and (by_path or promise <= kept_alone)
+            target_precision
+            for target_precision in self.target_precisions
+            if probability >= target_precision and (by_path or target_precision <= kept_alone)
         ]
 
     @property
@@ -341,7 +361,7 @@ class Site:
     def walls_m(self) -> NDArray[np.float64]:
         """The points (n, 3) of all walls of the map, in metres in the world."""
         walls_m = [
-            moved(world_T_anchor, self.walls_of(self.targets.points_m(row)))
+            transformed(world_T_anchor, self.walls_of(self.targets.points_m(row)))
             for row, world_T_anchor in enumerate(self.targets.world_T_anchor)
         ]
         return np.concatenate(walls_m)
@@ -369,7 +389,7 @@ def no_pose(covariance: NDArray[np.float64]) -> Fix:
         overlap=0.0,
         novelty=1.0,
         place_novelty=1.0,
-        promised_precision=None,
+        accepted_at=None,
         runners_up=(),
         ms=0.0,
     )

@@ -1,7 +1,7 @@
 """Reads and writes site files: a zip of site.json, model.safetensors and map.safetensors.
 
-A site that can grow has views.safetensors besides, an exported one network.onnx. Reading a file
-runs nothing that is in it, and unpacks nothing to disk.
+A site that can be updated has views.safetensors besides, an exported one network.onnx. Reading a
+file runs nothing that is in it, and unpacks nothing to disk.
 """
 
 import json
@@ -47,7 +47,7 @@ class Parts(NamedTuple):
     network: bytes | None
     """The network as an ONNX file; then `model` has no weights. None if it was not exported."""
     views: Arrays = MappingProxyType({})
-    """The views that the model learned from, and its answers to held-out ones (pack.py). They are
+    """The views that the model learned from, and its answers to validation ones (pack.py). They are
     read only if they are asked for."""
 
 
@@ -129,19 +129,19 @@ def read_either(path: Path, views: bool = False) -> Parts | LevelParts:
     # zipfile, zlib, json and safetensors raise whatever they like at a damaged file
     except Exception as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:120]
-        raise ArtifactError(f"{path}: no whole site ({reason}); copy or pack it anew") from None
+        raise ArtifactError(f"{path}: no whole site ({reason}); copy or pack it again") from None
     if not isinstance(about, dict) or about.get("version") != VERSION:
         version = about.get("version") if isinstance(about, dict) else None
         raise ArtifactError(
             f"{path}: a site of version {version}, this yearloc reads version {VERSION}; pack it "
-            "anew"
+            "again"
         )
     try:
         if "level" in about:
             return LevelParts(filled(LevelDescription, about), arrays)
         description = filled(SiteDescription, about)
     except ConfigError as error:
-        raise ArtifactError(f"{path}: its {ABOUT}: {error}; pack the site anew") from None
+        raise ArtifactError(f"{path}: its {ABOUT}: {error}; pack the site again") from None
     return Parts(description, model, arrays, content.get(NETWORK), view_arrays)
 
 

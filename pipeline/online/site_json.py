@@ -10,7 +10,7 @@ from pipeline.core.grid import Grid
 from pipeline.level.fix import LevelFixer
 from pipeline.posing.verdict import Verdict
 
-VERSION = 5
+VERSION = 6
 """The version of site files that is written, and read."""
 Settings = Mapping[str, Any]
 """The settings of one object: its `_target_`, a class, and the parameters of that, as
@@ -85,7 +85,7 @@ class LearnedDay:
 
 
 @dataclass(frozen=True)
-class Growth:
+class Increments:
     """What a site needs in order to grow."""
 
     voxel_m: float
@@ -118,8 +118,8 @@ class SiteDescription:
     """The reader of the data set's logs."""
     sensor: Sensor
     provenance: Provenance
-    growth: Growth | None = None
-    """None for a site that cannot grow."""
+    incremental_learning: Increments | None = None
+    """None for a site that cannot be updated."""
 
 
 @dataclass(frozen=True)

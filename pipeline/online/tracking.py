@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from pipeline.online import odometry
 from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix, Site, Word
-from pipeline.paths.belief import LEAST_CHANCE, Belief
+from pipeline.paths.belief import LEAST_PROBABILITY, Belief
 from pipeline.posing.verdict import AnyFix
 
 PATIENCE = 3
@@ -40,12 +40,15 @@ class Tracker:
     odometry. If not `is_tracking`, each is sought in the whole map and judged alone.
     """
 
-    def __init__(self, site: Site, promise: float | None = 0.99, is_tracking: bool = True) -> None:
-        """Raises InputError for a promise that the site cannot make; None accepts nothing."""
-        site.check(promise)
+    def __init__(
+        self, site: Site, target_precision: float | None = 0.99, is_tracking: bool = True
+    ) -> None:
+        """Raises InputError for a target precision that the site has no threshold for; None accepts
+        nothing."""
+        site.check(target_precision)
         self.site = site
         self.is_tracking = is_tracking
-        self._promise = promise
+        self._target_precision = target_precision
         self.belief = Belief(site.description.verdict.unseen_share)
         self.steps = Counter[bool]()
         """How many scans came with odometry since the scan before (True), and without (False)."""
@@ -98,16 +101,16 @@ class Tracker:
         if self.is_tracking:
             fix = self._tracked(query, step, took_s)
         else:
-            fix = self.site.judge_query(query, self.site.seek(query), self._promise)
+            fix = self.site.judge_query(query, self.site.seek(query), self._target_precision)
         return replace(fix, ms=1e3 * (perf_counter() - start))
 
     def _tracked(self, query: Any, step: NDArray[np.float64] | None, took_s: float | None) -> Fix:
         """The fix of a query of the site, given all scans before."""
         predicted_pose = self._predict(step, took_s)
         registered, is_tracked = self._find(query, predicted_pose)
-        fix = self.site.judge_query(query, registered, self._promise, is_tracked)
-        fix = self._believed(fix, is_tracked)
-        if fix.verdict != "no pose" and fix.chance >= LIKELY:
+        fix = self.site.judge_query(query, registered, self._target_precision, is_tracked)
+        fix = self._judged_along_path(fix, is_tracked)
+        if fix.verdict != "no pose" and fix.probability >= LIKELY:
             self._drive.note_fix(fix.world_T_sensor, self._time_s)
         if fix.verdict == "accepted":
             if not is_tracked:
@@ -128,12 +131,12 @@ class Tracker:
         self, step: NDArray[np.float64] | None, took_s: float | None
     ) -> NDArray[np.float64] | None:
         """Move what is believed by a step; returns the pose (4, 4) that is predicted, if any."""
-        before_T_now, doubt, is_anywhere = self._drive.step(step, took_s)
+        before_T_now, deviations, is_anywhere = self._drive.step(step, took_s)
         if is_anywhere:
             # what was believed says nothing of where the robot has gone
             self._pose = None
             self.belief = Belief(self.belief.unseen_share)
-        self.belief.move(before_T_now, doubt)
+        self.belief.move(before_T_now, deviations)
         return None if self._pose is None else self._pose @ before_T_now
 
     def _find(self, query: Any, predicted_pose: NDArray[np.float64] | None) -> tuple[AnyFix, bool]:
@@ -148,15 +151,17 @@ class Tracker:
                 return registered, True
         return self.site.seek(query), False
 
-    def _believed(self, fix: Fix, is_tracked: bool) -> Fix:
+    def _judged_along_path(self, fix: Fix, is_tracked: bool) -> Fix:
         """The fix of a scan, believed or not given all scans before."""
         if fix.verdict == "no pose":
             return fix
-        chance_by_scan = float(np.clip(fix.chance, LEAST_CHANCE, 1 - LEAST_CHANCE))
-        chance = self.belief.see(fix.world_T_sensor, chance_by_scan, is_tracked)
+        probability_by_scan = float(
+            np.clip(fix.probability, LEAST_PROBABILITY, 1 - LEAST_PROBABILITY)
+        )
+        probability = self.belief.see(fix.world_T_sensor, probability_by_scan, is_tracked)
         by_path = is_tracked and self.belief.views > self._start_views
-        kept_promises = self.site.kept_along_path(fix, chance, by_path)
-        verdict: Word = "accepted" if self._promise in kept_promises else "rejected"
+        met_precisions = self.site.kept_along_path(fix, probability, by_path)
+        verdict: Word = "accepted" if self._target_precision in met_precisions else "rejected"
         if verdict == "rejected" and not is_tracked and fix.verdict in ("near", "ambiguous"):
             # both need rival poses, which are looked for in the whole map only: not while tracked
             verdict = fix.verdict
@@ -168,8 +173,8 @@ class Tracker:
         return replace(
             fix,
             verdict=verdict,
-            novelty=1 - chance,
-            promised_precision=max(kept_promises, default=None),
+            novelty=1 - probability,
+            accepted_at=max(met_precisions, default=None),
             covariance=covariance,
         )
 

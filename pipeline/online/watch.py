@@ -1,7 +1,8 @@
 """Records a localised drive for rerun's viewer, whose camera follows the robot (`yearloc watch`).
 
 The recording shows each scan on the map in the colour of its verdict, the runner-up, which is the
-next best pose elsewhere, and the verdict and chances over time. It holds the layout of its panels.
+next best pose elsewhere, and the verdict and probabilities over time. It holds the layout of its
+panels.
 """
 
 from contextlib import ExitStack
@@ -24,10 +25,10 @@ COLOURS = {
     "rejected": (213, 94, 0),
     "no pose": (120, 120, 120),
 }
-"""The colour of each verdict, by Okabe and Ito, whose colours colour-blind readers tell apart."""
+"""The colour of each verdict, by Okabe and Ito, whose colours colour-blind readers distinguish."""
 MAP_GREY = (150, 150, 150)
 PATH_GREY = (90, 90, 90)
-TRUTH_YELLOW = (240, 228, 66)
+GROUND_TRUTH_YELLOW = (240, 228, 66)
 MAP_POINTS = 400_000
 """The map is thinned to about so many points."""
 BEHIND_M = (-22.0, 0.0, 13.0)
@@ -46,7 +47,7 @@ class Recording(ExitStack):
     Without a file it opens rerun's viewer.
     """
 
-    def __init__(self, site: Site, out: Path | None, promise: float | None) -> None:
+    def __init__(self, site: Site, out: Path | None, target_precision: float | None) -> None:
         """Raises NotInstalledError where rerun is not installed."""
         with needed("watch", "490 MB"):
             import rerun
@@ -58,10 +59,12 @@ class Recording(ExitStack):
         self._title = f"{site.name}{', simulated' if site.description.simulated else ''}"
         if self._origin_m.any():
             self._title += f", from x {self._origin_m[0]:.0f} m, y {self._origin_m[1]:.0f} m"
-        self._least_chance = None
-        if promise is not None:
-            largest_doubt, *_ = site.promises[promise]  # in the pose; doubt is one minus chance
-            self._least_chance = 1 - largest_doubt
+        self._least_probability = None
+        if target_precision is not None:
+            largest_error_probability, *_ = site.target_precisions[
+                target_precision
+            ]  # in the pose; error probability is one minus probability
+            self._least_probability = 1 - largest_error_probability
         self._stream = rerun.RecordingStream("yearloc")
         if out is None:
             self._stream.spawn(default_blueprint=self._blueprint(live=True))
@@ -95,14 +98,17 @@ class Recording(ExitStack):
                 rerun.Points3D(fixes_m, colors=colour, radii=0.6),
             )
         if np.isfinite(scan.world_T_scan).all():
-            truth_m = scan.world_T_scan[:3, 3] - self._origin_m
-            stream.log("world/truth", rerun.Points3D([truth_m], colors=TRUTH_YELLOW, radii=0.8))
+            ground_truth_m = scan.world_T_scan[:3, 3] - self._origin_m
+            stream.log(
+                "world/ground_truth",
+                rerun.Points3D([ground_truth_m], colors=GROUND_TRUTH_YELLOW, radii=0.8),
+            )
         stream.log("verdict", rerun.StateChange(state=fix.verdict))
-        stream.log("chance/pose", rerun.Scalars(fix.chance))
+        stream.log("probability/pose", rerun.Scalars(fix.probability))
         if runner_up is not None:
-            stream.log("chance/runner_up", rerun.Scalars(runner_up.chance))
-        if self._least_chance is not None:
-            stream.log("chance/accepted_from", rerun.Scalars(self._least_chance))
+            stream.log("probability/runner_up", rerun.Scalars(runner_up.probability))
+        if self._least_probability is not None:
+            stream.log("probability/accepted_from", rerun.Scalars(self._least_probability))
 
     def _log_static(self) -> None:
         """Log once what never changes: map, training path, names and colours of the curves."""
@@ -120,9 +126,9 @@ class Recording(ExitStack):
                 static=True,
             )
         for path, colour, name in (
-            ("chance/pose", COLOURS["accepted"], "chance of the pose"),
-            ("chance/runner_up", COLOURS["ambiguous"], "chance of the runner-up"),
-            ("chance/accepted_from", COLOURS["rejected"], "accepted from here"),
+            ("probability/pose", COLOURS["accepted"], "probability of the pose"),
+            ("probability/runner_up", COLOURS["ambiguous"], "probability of the runner-up"),
+            ("probability/accepted_from", COLOURS["rejected"], "accepted from here"),
         ):
             self._stream.log(path, rerun.SeriesLines(colors=colour, names=name), static=True)
         self._stream.log(
@@ -188,7 +194,7 @@ class Recording(ExitStack):
         )
         over_time = blueprint.Vertical(
             blueprint.StateTimelineView(origin="verdict", name="verdict"),
-            blueprint.TimeSeriesView(origin="chance", name="chance of being right"),
+            blueprint.TimeSeriesView(origin="probability", name="probability of being right"),
             row_shares=[2, 3],
         )
         return blueprint.Blueprint(

@@ -189,7 +189,7 @@ def _bag(path: Path, bags: list[Path], topic: str | None, odometry: str | None) 
         )
     reader = Bag(
         points=points,
-        truth=None,
+        ground_truth=None,
         odometry=odometry,
         imu=imu.name if imu else None,
         body_T_lidar=_numbers(body_T_lidar),

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.paths.belief import LEAST_CHANCE, Belief
+from pipeline.paths.belief import LEAST_PROBABILITY, Belief
 from pipeline.paths.tracks import Estimates, Track
 
 
@@ -13,9 +13,9 @@ class Filter:
     """Takes the likeliest pose of a `Belief`: the query's own fix, or an earlier one driven on."""
 
     def along(self, track: Track) -> Estimates:
-        """Estimate each query from the fixes up to it; where odometry breaks off, begin anew."""
+        """Estimate each query from the fixes up to it; where odometry breaks off, starts again."""
         poses = np.full_like(track.world_T_query, np.nan)
-        chances = np.zeros(len(track.chance))
+        probabilities = np.zeros(len(track.probability))
         belief = Belief()
         for row, fix in enumerate(track.world_T_query):
             if row and np.isfinite(track.steps[row - 1]).all():
@@ -23,8 +23,10 @@ class Filter:
             else:
                 belief = Belief()
             if np.isfinite(fix).all():
-                chance = np.clip(track.chance[row], LEAST_CHANCE, 1 - LEAST_CHANCE)
-                belief.see(fix, float(chance))
+                probability = np.clip(
+                    track.probability[row], LEAST_PROBABILITY, 1 - LEAST_PROBABILITY
+                )
+                belief.see(fix, float(probability))
             if best := belief.best():  # none before the first fix
-                poses[row], chances[row] = best
-        return Estimates(poses, chances)
+                poses[row], probabilities[row] = best
+        return Estimates(poses, probabilities)

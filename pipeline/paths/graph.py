@@ -1,10 +1,11 @@
 """Graph: the poses of a drive's queries by a pose graph of the whole drive (METHODS 9.9).
 
 1. Take the stretches of the drive in which odometry is not interrupted, and their fixes.
-2. Find the largest set of fixes that agree with one of them by odometry, and the chance that they
-   are right.
+   2. Find the largest set of fixes that agree with one of them by odometry, and the probability
+   that they are right.
 3. Optimise the poses of all queries (gtsam): steps of odometry join neighbours, fixes hold them.
-4. The chance of a query is that of the agreeing fixes, times that of its position by the graph.
+   4. The probability of a query is that of the agreeing fixes, times that of its position by the
+   graph.
 """
 
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.frames import RIGHT_WITHIN, Poses, distance_and_turn, travelled_m
 from pipeline.core.settings import Positive, checked
-from pipeline.paths.belief import DEVIATIONS, LEAST_CHANCE, REPEAT_SHARE
+from pipeline.paths.belief import DEVIATIONS, LEAST_PROBABILITY, REPEAT_SHARE
 from pipeline.paths.pose_graph import PoseGraph
 from pipeline.paths.tracks import Estimates, Track
 
@@ -30,7 +31,8 @@ class Graph:
     """
 
     verdict: bool
-    """True if only accepted fixes, which keep a promise of .99, hold the graph; else all do."""
+    """True if only accepted fixes, which keep a target precision of .99, hold the graph; else all
+    do."""
     drift: Positive
     """Standard deviation of a step of odometry, as a share of its length."""
     turn_deg_per_m: Positive
@@ -47,7 +49,7 @@ class Graph:
         A stretch without odometry or without such a fix has no estimates.
         """
         poses = np.full_like(track.world_T_query, np.nan)
-        chances = np.zeros(len(track.chance))
+        probabilities = np.zeros(len(track.probability))
         has_fix = np.asarray(np.isfinite(track.world_T_query).all((1, 2)))
         if self.verdict:
             has_fix = has_fix & track.accepted
@@ -55,22 +57,22 @@ class Graph:
         for stretch in np.split(np.arange(len(poses)), breaks):
             fix_rows = stretch[has_fix[stretch]]
             if len(fix_rows) and np.isfinite(track.odom_T_query[stretch]).all():
-                agreeing_rows, chance_right = self.agreeing_fixes(track, fix_rows)
-                poses[stretch], chance_within = self.optimised_poses(
+                agreeing_rows, probability_right = self.agreeing_fixes(track, fix_rows)
+                poses[stretch], probability_within = self.optimised_poses(
                     track, stretch, fix_rows, agreeing_rows
                 )
-                chances[stretch] = chance_right * chance_within
-        return Estimates(poses, chances)
+                probabilities[stretch] = probability_right * probability_within
+        return Estimates(poses, probabilities)
 
     def agreeing_fixes(
         self, track: Track, fix_rows: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], float]:
         """The likeliest set of the fixes (n,) that agree with one of them by odometry.
 
-        Returns their rows, and the chance that they are right. Each is right with its own chance c,
-        and of wrong fixes a share of REPEAT_SHARE agrees with the first. So the odds of "all right"
-        against "all wrong" are the product of all c / (1 − c), divided by REPEAT_SHARE for each but
-        the first.
+        Returns their rows, and the probability that they are right. Each is right with its own
+        probability c, and of wrong fixes a share of REPEAT_SHARE agrees with the first. So the odds
+        of "all right" against "all wrong" are the product of all c / (1 − c), divided by
+        REPEAT_SHARE for each but the first.
         """
         odom_T_fix = track.odom_T_query[fix_rows]
         world_T_fix = track.world_T_query[fix_rows]
@@ -83,9 +85,13 @@ class Graph:
             most_m = RIGHT_M + DEVIATIONS * self.drift * between_m
             most_deg = RIGHT_DEG + DEVIATIONS * self.turn_deg_per_m * between_m
             sets.append(fix_rows[(away_m < most_m) & (turn_deg < most_deg)])
-        agreeing_rows = max(sets, key=lambda rows: float(track.chance[rows].sum()))
-        chance = track.chance[agreeing_rows].clip(LEAST_CHANCE, 1 - LEAST_CHANCE)
-        log_odds = np.log(chance / (1 - chance)).sum() - (len(chance) - 1) * np.log(REPEAT_SHARE)
+        agreeing_rows = max(sets, key=lambda rows: float(track.probability[rows].sum()))
+        probability = track.probability[agreeing_rows].clip(
+            LEAST_PROBABILITY, 1 - LEAST_PROBABILITY
+        )
+        log_odds = np.log(probability / (1 - probability)).sum() - (len(probability) - 1) * np.log(
+            REPEAT_SHARE
+        )
         bounded = np.clip(log_odds, -50, 50)  # so that exp does not overflow
         return agreeing_rows, float(1 / (1 + np.exp(-bounded)))
 
@@ -98,8 +104,8 @@ class Graph:
     ) -> tuple[Poses, NDArray[np.float64]]:
         """Optimise the poses of the queries `stretch` (n,), held by the fixes `fix_rows`.
 
-        Returns them (n, 4, 4), and the chance (n,) that each lies within RIGHT_M if the agreeing
-        fixes are right.
+        Returns them (n, 4, 4), and the probability (n,) that each lies within RIGHT_M if the
+        agreeing fixes are right.
         """
         # each query starts where odometry leads to it from the nearest of the agreeing fixes
         nearest = agreeing_rows[np.abs(stretch[:, None] - agreeing_rows[None]).argmin(1)]
@@ -117,5 +123,5 @@ class Graph:
         poses = graph.solved()
         # the mean variance of x and y, in the query's frame; turns come first (3:5 are x and y)
         variance_m2 = np.trace(graph.covariances()[:, 3:5, 3:5], axis1=1, axis2=2) / 2
-        # two equal Gaussian errors lie within r with the chance 1 − exp(−r² / 2σ²), Rayleigh's
+        # two equal Gaussian errors lie within r with the probability 1 − exp(−r² / 2σ²), Rayleigh's
         return poses, 1 - np.exp(-(RIGHT_M**2) / (2 * variance_m2))

@@ -21,8 +21,8 @@ class Odometry:
         Where odometry breaks off, the next accepted fix is carried on.
         """
         poses = np.full_like(track.world_T_query, np.nan)
-        chances = np.zeros(len(track.chance))
-        chance = 0.0
+        probabilities = np.zeros(len(track.probability))
+        probability = 0.0
         driven_m = 0.0
         for row in range(len(poses)):
             # NaN before any fix, and where odometry breaks off
@@ -30,10 +30,10 @@ class Odometry:
             if np.isfinite(carried_pose).all():
                 poses[row] = carried_pose
                 driven_m = driven_m + float(np.linalg.norm(track.steps[row - 1][:3, 3]))
-                chances[row] = chance * float(still_right(np.array(DRIFT * driven_m)))
+                probabilities[row] = probability * float(still_right(np.array(DRIFT * driven_m)))
             elif track.accepted[row]:
                 poses[row] = track.world_T_query[row]
                 driven_m = 0.0
-                chance = float(track.chance[row])
-                chances[row] = chance
-        return Estimates(poses, chances)
+                probability = float(track.probability[row])
+                probabilities[row] = probability
+        return Estimates(poses, probabilities)

@@ -12,13 +12,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.alterations import read_cases
 from pipeline.core.errors import InputError
 from pipeline.core.frames import Poses, turns, yaw
 from pipeline.core.schemas import Fixes
 from pipeline.matching.places import Places
 from pipeline.matching.rejection import ACCEPT_NOTHING
-from pipeline.posing.answers import lead
+from pipeline.perturbations import read_cases
+from pipeline.posing.answers import put_first
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,10 @@ class Track:
     """(q, 4, 4) poses by odometry; NaN where there is none."""
     world_T_query: Poses
     """(q, 4, 4) the fix of each query alone; NaN where it has none."""
-    chance: NDArray[np.float64]
-    """(q,) the chance that the fix is right."""
+    probability: NDArray[np.float64]
+    """(q,) the probability that the fix is right."""
     accepted: NDArray[np.bool_]
-    """(q,) whether the fix keeps the wanted precision, .99."""
+    """(q,) whether the fix keeps the target precision, .99."""
     covariance: NDArray[np.float64]
     """(q, 6, 6) of the fix: a turn in radians, then a step in metres, in the query's frame."""
 
@@ -47,12 +47,12 @@ class Track:
 
 @dataclass(frozen=True)
 class Estimates:
-    """The poses of a drive's q queries by the whole track, and their chances."""
+    """The poses of a drive's q queries by the whole track, and their probabilities."""
 
     world_T_query: Poses
     """(q, 4, 4); NaN where nothing is known."""
-    chance: NDArray[np.float64]
-    """(q,) the chance that the pose is right: within 2 m and 5°."""
+    probability: NDArray[np.float64]
+    """(q,) the probability that the pose is right: within 2 m and 5°."""
 
 
 class Path(Protocol):
@@ -65,10 +65,10 @@ class Path(Protocol):
 def joined(fixes: Fixes, odom_T_anchor: Poses, path: Path, places: Places) -> Fixes:
     """The fixes of one sequence with estimates along its path in place of single poses.
 
-    The queries of each case, one way in which they were altered (pipeline/alterations), are a
-    drive. An estimate is accepted where its chance is the wanted precision, since no held-out
-    blocks tell more. Raises InputError where fixes and odometry (n, 4, 4) are not of the same n
-    submaps.
+    The queries of each case, one way in which they were perturbed (pipeline/perturbations), are a
+    drive. An estimate is accepted where its probability is the target precision, since no
+    validation blocks tell more. Raises InputError where fixes and odometry (n, 4, 4) are not of the
+    same n submaps.
     """
     cases = len(read_cases(fixes.cases))
     n = len(odom_T_anchor)
@@ -77,45 +77,45 @@ def joined(fixes: Fixes, odom_T_anchor: Poses, path: Path, places: Places) -> Fi
             f"{fixes.path}: {len(fixes.places)} queries in {cases} cases of {n} submaps"
         )
     world_T_query = fixes.world_T_query.copy()
-    chance = fixes.confidence.copy()
+    probability = fixes.confidence.copy()
     novelty = fixes.novelty.copy()
     for case in range(cases):
         rows = slice(case * n, (case + 1) * n)
         estimates = path.along(_track(fixes, rows, odom_T_anchor))
         world_T_query[rows] = estimates.world_T_query
-        chance[rows] = estimates.chance
-        novelty[rows, 0] = 1 - estimates.chance
+        probability[rows] = estimates.probability
+        novelty[rows, 0] = 1 - estimates.probability
     # the other two beliefs, place and several, were judged by another pose
-    accept_nothing = (ACCEPT_NOTHING,) * len(fixes.promises)
+    accept_nothing = (ACCEPT_NOTHING,) * len(fixes.target_precisions)
     return replace(
         fixes,
-        **_led_answers(fixes, world_T_query, places),
+        **_answers_led_by_poses(fixes, world_T_query, places),
         world_T_query=world_T_query,
         novelty=novelty,
-        confidence=chance,
+        confidence=probability,
         # the covariance was that of the query's own fix, which the estimate replaces
         covariance=np.full_like(fixes.covariance, np.nan),
-        thresholds=(1 - fixes.wanted_precision, *fixes.thresholds[1:]),
-        promised=tuple(1 - promise for promise in fixes.promises),
-        promised_place=accept_nothing,
-        promised_several=accept_nothing,
+        thresholds=(1 - fixes.target_precision, *fixes.thresholds[1:]),
+        pose_thresholds=tuple(1 - target_precision for target_precision in fixes.target_precisions),
+        place_thresholds=accept_nothing,
+        several_thresholds=accept_nothing,
     )
 
 
 def _track(fixes: Fixes, rows: slice, odom_T_anchor: Poses) -> Track:
     """The track of one case, whose queries are `rows`; its odometry is turned as they are."""
     turn_rad = np.deg2rad(fixes.turned_deg[rows].astype(np.float64))
-    doubt = fixes.novelty[rows, 0].astype(np.float64)
+    error_probability = fixes.novelty[rows, 0].astype(np.float64)
     return Track(
         odom_T_anchor @ turns(turn_rad),
         fixes.world_T_query[rows],
-        1 - doubt,
-        doubt < fixes.reject_from(),
+        1 - error_probability,
+        error_probability < fixes.reject_from(),
         fixes.covariance[rows],
     )
 
 
-def _led_answers(fixes: Fixes, world_T_query: Poses, places: Places) -> dict[str, Any]:
+def _answers_led_by_poses(fixes: Fixes, world_T_query: Poses, places: Places) -> dict[str, Any]:
     """The ranked answers of all queries, those that have a pose (q, 4, 4) led by its place."""
     names = ("places", "costs", "xy_m", "heading_deg")
     answers = {name: getattr(fixes, name).copy() for name in names}
@@ -128,5 +128,5 @@ def _led_answers(fixes: Fixes, world_T_query: Poses, places: Places) -> dict[str
             "xy_m": xy_m,
             "heading_deg": np.rad2deg(yaw(pose)),
         }
-        lead(answers, row, first)
+        put_first(answers, row, first)
     return answers

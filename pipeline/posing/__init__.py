@@ -1,4 +1,4 @@
-"""Posing: from the ranked places of a query to its pose, and whether to believe it (METHODS 9).
+"""Posing: from the ranked places of a query to its pose, and whether to accept it (METHODS 9).
 
 The pose has six degrees of freedom. The modules, in the order of the steps:
 
@@ -10,7 +10,7 @@ The pose has six degrees of freedom. The modules, in the order of the steps:
     search        all these steps for one query
     fix           the poses that are left, the likeliest first
     queries       the fixes of a test sequence
-    held_out      the fixes of held-out blocks of the training day, as evidence
-    verdict       learns from that the chance that a fix is right, and when to reject it
+    validation      the fixes of validation blocks of the training day, as evidence
+    verdict       learns from that the probability that a fix is right, and when to reject it
     answers       the ranking, with the registered poses first
 """

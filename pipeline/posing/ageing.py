@@ -1,9 +1,9 @@
 """Ageing: changes the points of a scan as a later day would see them (METHODS 9.5).
 
-In: a held-out scan of the training day. Out: the scan with new walls, without what these hide, with
-new cars and tree crowns, without some things, without a wedge of directions, and thinned as leaves
-and snow do. A verdict learns from aged scans too, so that it knows more than one day. How strong
-the changes are was fixed beforehand, not by any result.
+In: a validation scan of the training day. Out: the scan with new walls, without what these hide,
+with new cars and tree crowns, without some things, without a wedge of directions, and thinned as
+leaves and snow do. A verdict learns from aged scans too, so that it knows more than one day. How
+strong the changes are was fixed beforehand, not by any result.
 """
 
 from dataclasses import dataclass, field
@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.alterations.construction import Construction
 from pipeline.core.errors import ConfigError
 from pipeline.core.settings import NotNegative, Share, checked
+from pipeline.perturbations.construction import Construction
 from pipeline.posing.registration import Points
 
 AWAY_M = (5.0, 30.0)
@@ -84,10 +84,10 @@ class Ageing:
         bearing_rad = (np.arctan2(points_m[:, 1], points_m[:, 0]) - first_rad) % (2 * np.pi)
         points_m = points_m[bearing_rad >= width_rad]
         # Leaves and snow.
-        return points_m[rng.random(len(points_m)) >= self._chance_to_go(points_m, rng)]
+        return points_m[rng.random(len(points_m)) >= self._probability_to_go(points_m, rng)]
 
-    def _chance_to_go(self, points_m: Points, rng: np.random.Generator) -> NDArray[np.float64]:
-        """The chance (n,) of each point to go, by its height."""
+    def _probability_to_go(self, points_m: Points, rng: np.random.Generator) -> NDArray[np.float64]:
+        """The probability (n,) of each point to go, by its height."""
         above = rng.uniform(0, self.above)
         below = rng.uniform(0, self.below)
         return np.where(points_m[:, 2] > self.above_m, above, below)

@@ -2,8 +2,8 @@
 
 In: a method's ranking of places for each query, and the poses that registration found for it. Out:
 a ranking of the same form, and the artifact `Fixes`. In it the registered poses are the first
-answers, and how new a query looks is the doubt in its pose. So everything that judges rankings
-judges poses.
+answers, and how new a query looks is the error probability in its pose. So everything that judges
+rankings judges poses.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,38 +20,41 @@ from pipeline.core.frames import Poses, yaw
 from pipeline.core.schemas import Fixes, Rankings
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Ranking
-from pipeline.posing.verdict import BELIEFS, PROMISES, AnyFix, Judge, Verdict
+from pipeline.posing.verdict import CLAIMS, TARGET_PRECISIONS, AnyFix, Judge, Verdict
 
-OWN_KINDS = BELIEFS
-"""The kinds of novelty that poses add: the doubt in each belief, such as that the pose is right."""
+OWN_KINDS = CLAIMS
+"""The kinds of novelty that poses add: the error probability in each claim, such as that the pose
+is right."""
 MISSING_ANSWER = {"places": -1, "costs": np.inf, "xy_m": np.nan, "heading_deg": np.nan}
 """The values of a missing answer, column by column."""
 UNREGISTERED_COST = 1.0
 """The least cost of the method's own answers. Registered poses cost less: one minus their
-chance."""
+probability."""
 
 
 @dataclass(frozen=True)
 class PosedQuery:
-    """The poses that a query may have, the likeliest first, and the doubts in them."""
+    """The poses that a query may have, the likeliest first, and the error probabilities in them."""
 
     world_T_query: Poses
     """(h, 4, 4) poses."""
-    chances: NDArray[np.float64]
-    """(h,) the chance that each pose is right."""
+    probabilities: NDArray[np.float64]
+    """(h,) the probability that each pose is right."""
     covariance: NDArray[np.float64]
     """(6, 6) covariance of the first pose: of a turn in radians and a step in metres, in the
     query's frame."""
     overlap: float
     """Share of the query's points that the map has too, if the query stands at the first pose."""
-    doubts: NDArray[np.float64]
-    """(belief,) one minus the chance of each of BELIEFS."""
+    error_probabilities: NDArray[np.float64]
+    """(claim,) one minus the probability of each of CLAIMS."""
 
     @classmethod
     def of(cls, fix: AnyFix, judge: Judge) -> Self:
-        """The poses of a fix, with the doubts of a judge."""
-        chances = np.array(fix.chances)
-        return cls(fix.poses, chances, fix.covariance, fix.overlap, judge.doubts(fix))
+        """The poses of a fix, with the error probabilities of a judge."""
+        probabilities = np.array(fix.probabilities)
+        return cls(
+            fix.poses, probabilities, fix.covariance, fix.overlap, judge.error_probabilities(fix)
+        )
 
     @property
     def pose(self) -> Poses:
@@ -63,8 +66,8 @@ def posed(ranking: Ranking, queries: Sequence[PosedQuery], places: Places) -> Ra
     """The ranking with the registered poses first, as positions, headings and places.
 
     The place of a pose is the cell that it lies in, −1 where training never went. The confidence
-    becomes the chance that the pose is right. Each place is answered once; if fewer than k answers
-    are left, the last ones are MISSING_ANSWER.
+    becomes the probability that the pose is right. Each place is answered once; if fewer than k
+    answers are left, the last ones are MISSING_ANSWER.
     """
     k = ranking.places.shape[1]
     answers = {
@@ -78,14 +81,16 @@ def posed(ranking: Ranking, queries: Sequence[PosedQuery], places: Places) -> Ra
         answers["costs"][i] = UNREGISTERED_COST + np.arange(k) / k
         registered = {
             "places": places.at(xy_m),
-            "costs": 1 - query.chances,
+            "costs": 1 - query.probabilities,
             "xy_m": xy_m,
             "heading_deg": np.rad2deg(yaw(query.world_T_query)),
         }
-        lead(answers, i, registered)
-    doubts = np.array([query.doubts for query in queries]).reshape(-1, len(BELIEFS))
-    novelty = np.column_stack([doubts, ranking.novelty]).astype(np.float32)
-    confidence = (1 - doubts[:, 0]).astype(np.float32)
+        put_first(answers, i, registered)
+    error_probabilities = np.array([query.error_probabilities for query in queries]).reshape(
+        -1, len(CLAIMS)
+    )
+    novelty = np.column_stack([error_probabilities, ranking.novelty]).astype(np.float32)
+    confidence = (1 - error_probabilities[:, 0]).astype(np.float32)
     return replace(
         ranking,
         **answers,
@@ -95,7 +100,7 @@ def posed(ranking: Ranking, queries: Sequence[PosedQuery], places: Places) -> Ra
     )
 
 
-def lead(answers: Mapping[str, NDArray[Any]], row: int, first: Mapping[str, Any]) -> None:
+def put_first(answers: Mapping[str, NDArray[Any]], row: int, first: Mapping[str, Any]) -> None:
     """Put the answers `first`, likeliest first, before the k answers of a row, in place.
 
     Each place stays in once, where it comes first. If fewer than k answers are left, the last ones
@@ -121,14 +126,14 @@ class Posing:
     """Metres and degrees within which a pose is right."""
     places: Places
     """The grid cells that training visited."""
-    wanted_precision: float
-    """The promise that is kept where poses are accepted: one of PROMISES."""
+    target_precision: float
+    """The precision of the accepted poses: one of TARGET_PRECISIONS."""
 
     def __post_init__(self) -> None:
-        if self.wanted_precision not in PROMISES:
+        if self.target_precision not in TARGET_PRECISIONS:
             raise ConfigError(
-                f"wanted_precision={self.wanted_precision}: expected one of "
-                f"{', '.join(map(str, PROMISES))}"
+                f"target_precision={self.target_precision}: expected one of "
+                f"{', '.join(map(str, TARGET_PRECISIONS))}"
             )
 
     def write(self, path: Path, rankings: Rankings, queries: Sequence[PosedQuery]) -> str:
@@ -137,55 +142,59 @@ class Posing:
         Returns a summary of one line.
         """
         answered = posed(rankings.ranking(), queries, self.places)
-        promise_number = PROMISES.index(self.wanted_precision)
+        precision_number = TARGET_PRECISIONS.index(self.target_precision)
         thresholds = dict(zip(rankings.kinds, rankings.thresholds, strict=True))
-        limits = self.verdict.promised
-        thresholds |= {belief: limits[belief][promise_number] for belief in BELIEFS}
+        claim_thresholds = self.verdict.claim_thresholds
+        thresholds |= {claim: claim_thresholds[claim][precision_number] for claim in CLAIMS}
         artifact = Fixes(
             **vars(answered),
             turned_deg=rankings.turned_deg,
             cases=rankings.cases,
             thresholds=tuple(thresholds[kind] for kind in answered.kinds),
-            wanted_precision=self.wanted_precision,
+            target_precision=self.target_precision,
             world_T_query=np.array([query.pose for query in queries]).reshape(-1, 4, 4),
             covariance=np.array([query.covariance for query in queries]).reshape(-1, 6, 6),
             overlap=np.array([query.overlap for query in queries], np.float32),
-            promises=PROMISES,
-            promised=limits["fix"],
-            promised_place=limits["place"],
-            promised_several=limits["several"],
-            held_out=self.verdict.held_out,
+            target_precisions=TARGET_PRECISIONS,
+            pose_thresholds=claim_thresholds["fix"],
+            place_thresholds=claim_thresholds["place"],
+            several_thresholds=claim_thresholds["several"],
+            validation=self.verdict.validation,
             right_within=self.right_within,
         )
         store.write(path, artifact)
-        return f"{path.stem}: {self._summary(answered, queries, promise_number)}"
+        return f"{path.stem}: {self._summary(answered, queries, precision_number)}"
 
     def _summary(
         self,
         answered: Ranking,
         queries: Sequence[PosedQuery],
-        promise_number: int,
+        precision_number: int,
     ) -> str:
-        """How many queries have a pose, and for how many each belief is accepted, in a line.
+        """How many queries have a pose, and for how many each claim is accepted, in a line.
 
-        Beliefs are accepted at the wanted promise, or at the highest one below that can be kept.
+        Claims are accepted at the target precision, or at the highest one below that can be
+        reached.
         """
         pose_count = sum(len(query.world_T_query) > 0 for query in queries)
-        kept_promises = [
-            i for i in range(promise_number + 1) if self.verdict.promised["fix"][i] > 0
+        met_precisions = [
+            i for i in range(precision_number + 1) if self.verdict.claim_thresholds["fix"][i] > 0
         ]
-        if not kept_promises:
-            return f"{pose_count} poses of {len(queries)} queries; no promise can be kept"
-        number = kept_promises[-1]
-        limits = [self.verdict.promised[belief][number] for belief in BELIEFS]
-        is_accepted = answered.novelty[:, : len(BELIEFS)].astype(float) < limits  # (q, belief)
-        # Each query counts for its strongest accepted belief alone; −1 has none.
+        if not met_precisions:
+            return f"{pose_count} poses of {len(queries)} queries; no target precision can be kept"
+        number = met_precisions[-1]
+        claim_thresholds = [self.verdict.claim_thresholds[claim][number] for claim in CLAIMS]
+        is_accepted = (
+            answered.novelty[:, : len(CLAIMS)].astype(float) < claim_thresholds
+        )  # (q, claim)
+        # Each query counts for its strongest accepted claim alone; −1 has none.
         strongest = np.where(is_accepted.any(axis=1), is_accepted.argmax(axis=1), -1)
-        accepted, near, ambiguous = (int((strongest == i).sum()) for i in range(len(BELIEFS)))
-        beliefs = (
+        accepted, near, ambiguous = (int((strongest == i).sum()) for i in range(len(CLAIMS)))
+        claims = (
             f"{accepted} are accepted, {near} more are near, {ambiguous} more are one of several"
         )
         return (
-            f"{pose_count} poses of {len(queries)} queries; with a promise of {PROMISES[number]} "
-            f"{beliefs}"
+            f"{pose_count} poses of {len(queries)} queries; with a target precision of "
+            f"{TARGET_PRECISIONS[number]} "
+            f"{claims}"
         )

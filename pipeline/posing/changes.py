@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from pipeline.core.frames import Poses, moved
+from pipeline.core.frames import Poses, transformed
 from pipeline.posing.registration import Points
 from pipeline.posing.targets import Targets
 from pipeline.posing.walls import SEEN_THROUGH, Chart, Walls
@@ -93,8 +93,8 @@ def contradiction(
     There is one such share for the walls torn down and one for those built: the larger counts.
     """
     new_T_old = np.asarray(np.linalg.inv(old_T_new))
-    torn_down = _seen_through(walls, new.chart, moved(new_T_old, old.walls_m))
-    built = _seen_through(walls, old.chart, moved(old_T_new, new.walls_m))
+    torn_down = _seen_through(walls, new.chart, transformed(new_T_old, old.walls_m))
+    built = _seen_through(walls, old.chart, transformed(old_T_new, new.walls_m))
     return max(torn_down, built)
 
 

@@ -1,9 +1,9 @@
-"""Fixes: the poses that a query may have, likeliest first, with their chances (METHODS 9.5).
+"""Fixes: the poses that a query may have, likeliest first, with their probabilities (METHODS 9.5).
 
 In: hypotheses, each a pose from one registration with all that speaks for and against it. Out: a
-fix: hypotheses at the same pose are merged, and the rest ordered by the chance that they are right.
-The `search` makes hypotheses, a `verdict` judges fixes: those of 3-D scans (`Fix`) and of level
-sweeps (pipeline/level/fix.py) alike, which are `Registered`.
+fix: hypotheses at the same pose are merged, and the rest ordered by the probability that they are
+right. The `search` makes hypotheses, a `verdict` judges fixes: those of 3-D scans (`ScanFix`) and
+of level sweeps (pipeline/level/fix.py) similar, which are `Registered`.
 """
 
 from abc import ABC, abstractmethod
@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.frames import Poses, distance_and_turn
-from pipeline.posing.chances import SIGNS, USUAL, Chances
+from pipeline.posing.aliases import Aliases
+from pipeline.posing.probabilities import FEATURES, USUAL, Probabilities
 from pipeline.posing.registration import Alignment
-from pipeline.posing.slides import Slide
 from pipeline.posing.verification import Agreement
 
 ELSEWHERE_M = 5.0
@@ -27,7 +27,7 @@ SAME_DEG = 5.0
 """Two hypotheses whose poses differ by less than both of these are one."""
 LEAST_SPREAD_M = 1e-4
 MOST_TILT_DEG = 10.0
-"""Bounds at which the signs `surety` and `upright` are cut off."""
+"""Bounds at which the features `surety` and `upright` are cut off."""
 
 
 class Possible(Protocol):
@@ -57,13 +57,13 @@ class Registered(ABC, Generic[PossibleT]):
     """
 
     hypotheses: tuple[PossibleT, ...] = ()
-    chances: tuple[float, ...] = ()
-    """The chance that each is right; they add up to 1 with the chance that none is."""
+    probabilities: tuple[float, ...] = ()
+    """The probability that each is right; they add up to 1 with the probability that none is."""
 
     @property
     @abstractmethod
-    def signs(self) -> NDArray[np.float64]:
-        """(n, sign) what speaks for each hypothesis."""
+    def features(self) -> NDArray[np.float64]:
+        """(n, feature) what speaks for each hypothesis."""
 
     @property
     @abstractmethod
@@ -71,8 +71,8 @@ class Registered(ABC, Generic[PossibleT]):
         """The indices of the runners-up at other places, the likeliest first."""
 
     @abstractmethod
-    def ordered(self, chances: Chances) -> Self:
-        """The same hypotheses in the order of other chances."""
+    def ordered(self, probabilities: Probabilities) -> Self:
+        """The same hypotheses in the order of other probabilities."""
 
     @property
     def poses(self) -> Poses:
@@ -95,9 +95,9 @@ class Registered(ABC, Generic[PossibleT]):
         return self.hypotheses[0].overlap if self.hypotheses else 0.0
 
     @property
-    def chance(self) -> float:
-        """The chance that the best hypothesis is right; 0 without one."""
-        return self.chances[0] if self.chances else 0.0
+    def probability(self) -> float:
+        """The probability that the best hypothesis is right; 0 without one."""
+        return self.probabilities[0] if self.probabilities else 0.0
 
 
 @dataclass(frozen=True)
@@ -117,12 +117,12 @@ class Hypothesis:
     if there is no such submap."""
     tilt_deg: float
     """Angle between the query's and the submap's upward axes."""
-    slide: Slide
+    aliases: Aliases
     """The poses elsewhere along the street at which the query's walls fit best."""
     approach_overlap: float = 1.0
     """The overlap after the rough registration (`Approach`) that this pose was refined from."""
-    excess: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(SIGNS)))
-    """(sign,) how far the signs of right fixes around it exceed the usual (Expectations)."""
+    excess: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(FEATURES)))
+    """(feature,) how far the features of right fixes around it exceed the usual (Expectations)."""
 
     @property
     def pose_covariance(self) -> NDArray[np.float64]:
@@ -140,26 +140,26 @@ class Hypothesis:
         return (self.here.product + self.beside.product) / 2
 
     @property
-    def signs(self) -> NDArray[np.float64]:
-        """The signs (sign,) in the order of chances.SIGNS, less `excess`.
+    def features(self) -> NDArray[np.float64]:
+        """The features (feature,) in the order of probabilities.FEATURES, less `excess`.
 
-        The last one, `ahead`, is left at 0: it compares all hypotheses of the query (`signs`
+        The last one, `ahead`, is left at 0: it compares all hypotheses of the query (`features`
         below).
         """
         overlap = (self.here.overlap + self.beside.overlap) / 2
         seen_again = (self.here.seen_again + self.beside.seen_again) / 2
         surety = -np.log10(max(self.alignment.spread_m, LEAST_SPREAD_M))
         upright = -min(self.tilt_deg, MOST_TILT_DEG) / MOST_TILT_DEG
-        measured = np.array([overlap, seen_again, surety, upright, self.slide.lead, 0.0])
+        measured = np.array([overlap, seen_again, surety, upright, self.aliases.margin, 0.0])
         return measured - self.excess
 
 
 @dataclass(frozen=True)
-class Fix(Registered[Hypothesis]):
+class ScanFix(Registered[Hypothesis]):
     """The hypotheses of a 3-D scan."""
 
     @classmethod
-    def of(cls, hypotheses: Sequence[Hypothesis], chances: Chances = USUAL) -> Self:
+    def of(cls, hypotheses: Sequence[Hypothesis], probabilities: Probabilities = USUAL) -> Self:
         """Build a fix from hypotheses in any order.
 
         Of hypotheses at the same pose the one of the highest quality stays.
@@ -168,18 +168,18 @@ class Fix(Registered[Hypothesis]):
         for hypothesis in sorted(hypotheses, key=lambda hypothesis: -hypothesis.quality):
             if not is_same_pose(hypothesis, distinct).any():
                 distinct.append(hypothesis)
-        shares = chances.of(signs(distinct))
+        shares = probabilities.of(features(distinct))
         order = np.argsort(-shares, kind="stable").tolist()
         return cls(tuple(distinct[i] for i in order), tuple(float(shares[i]) for i in order))
 
-    def ordered(self, chances: Chances) -> Self:
-        """The same hypotheses in the order of other chances."""
-        return self.of(self.hypotheses, chances)
+    def ordered(self, probabilities: Probabilities) -> Self:
+        """The same hypotheses in the order of other probabilities."""
+        return self.of(self.hypotheses, probabilities)
 
     @property
-    def signs(self) -> NDArray[np.float64]:
-        """The signs (n, sign) of the hypotheses, in the order of chances.SIGNS."""
-        return signs(self.hypotheses)
+    def features(self) -> NDArray[np.float64]:
+        """The features (n, feature) of the hypotheses, in the order of probabilities.FEATURES."""
+        return features(self.hypotheses)
 
     @property
     def elsewhere(self) -> list[int]:
@@ -197,16 +197,18 @@ class Fix(Registered[Hypothesis]):
         return chosen[1:]
 
 
-def signs(hypotheses: Sequence[Hypothesis]) -> NDArray[np.float64]:
-    """The signs (n, sign) of a query's hypotheses, in the order of chances.SIGNS."""
-    sign_rows = np.array([hypothesis.signs for hypothesis in hypotheses]).reshape(-1, len(SIGNS))
+def features(hypotheses: Sequence[Hypothesis]) -> NDArray[np.float64]:
+    """The features (n, feature) of a query's hypotheses, in the order of probabilities.FEATURES."""
+    feature_rows = np.array([hypothesis.features for hypothesis in hypotheses]).reshape(
+        -1, len(FEATURES)
+    )
     quality = np.array([hypothesis.quality for hypothesis in hypotheses])
     if len(quality) > 1:  # a single hypothesis is ahead of none
         is_itself = np.eye(len(quality), dtype=bool)
         other_qualities = np.where(is_itself, -np.inf, quality)
-        # The last sign is `ahead`.
-        sign_rows[:, -1] = quality - other_qualities.max(axis=1)
-    return sign_rows
+        # The last feature is `ahead`.
+        feature_rows[:, -1] = quality - other_qualities.max(axis=1)
+    return feature_rows
 
 
 def is_same_pose(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> NDArray[np.bool_]:

@@ -1,7 +1,7 @@
 """Queries: finds the poses of a test sequence's submaps, for the stage `poses` (METHODS 9.4).
 
 In: the scans and submaps of the sequence, one or several rankings that name candidate places for
-each, and a map. Out: a `Fix` for each query in each case: as driven, and altered.
+each, and a map. Out: a `ScanFix` for each query in each case: unperturbed, and perturbed.
 """
 
 from collections.abc import Sequence
@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.alterations import Alteration, Case, generator, read_cases
 from pipeline.core import schemas, store
 from pipeline.core.errors import InputError
 from pipeline.core.store import A
 from pipeline.mapping.gathering import submap_points
-from pipeline.posing.fix import Fix
+from pipeline.perturbations import Case, Perturbation, generator, read_cases
+from pipeline.posing.fix import ScanFix
 from pipeline.posing.registration import Points
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
@@ -41,14 +41,14 @@ class Queries:
     submaps: str
     rankings: Sequence[str]
     """The folder of the method's own ranking, then of others, whose places are candidates too."""
-    alterations: Sequence[Alteration] = ()
-    """The alterations that made the altered cases of the rankings."""
+    perturbations: Sequence[Perturbation] = ()
+    """The perturbations that made the perturbed cases of the rankings."""
 
-    def fixes(self, fixer: Fixer, map_path: Path, k: int) -> list[Fix]:
+    def fixes(self, fixer: Fixer, map_path: Path, k: int) -> list[ScanFix]:
         """Fix each query in each case of the rankings, case by case.
 
         The candidates are the first `k` places of each ranking. Raises InputError if a ranking is
-        not of these submaps in these cases, or if no alteration makes a case of it.
+        not of these submaps in these cases, or if no perturbation makes a case of it.
         """
         targets = Targets.read(map_path)
         scans = self._read(self.scans, schemas.Scans)
@@ -57,26 +57,28 @@ class Queries:
         cases = read_cases(self._read(self.rankings[0], schemas.Rankings).cases)
         row_count = len(stamps_ns)
         candidates = self._candidates(row_count * len(cases), k)
-        fixes: list[list[Fix]] = [[] for _ in cases]  # by case, then by row
+        fixes: list[list[ScanFix]] = [[] for _ in cases]  # by case, then by row
         # Each submap's points are read once, for all cases.
         for row, points_m in enumerate(submap_points(scans, submaps, slice(0, row_count))):
             for i, case in enumerate(cases):
                 query = i * row_count + row
                 answers = Answers(candidates.xy_m[query], candidates.heading_deg[query])
-                altered_m = self._altered(points_m, case, stamps_ns[row])
-                fixes[i].append(fixer.fix(altered_m, targets, answers))
+                perturbed_m = self._perturbed(points_m, case, stamps_ns[row])
+                fixes[i].append(fixer.fix(perturbed_m, targets, answers))
         return [fix for fixes_of_case in fixes for fix in fixes_of_case]
 
-    def _altered(self, points_m: Points, case: Case, stamp_ns: int) -> Points:
-        """The points (n, 3) of a query, altered as its case says."""
+    def _perturbed(self, points_m: Points, case: Case, stamp_ns: int) -> Points:
+        """The points (n, 3) of a query, perturbed as its case says."""
         if case == Case():
             return points_m
-        for alteration in self.alterations:
-            if case in alteration.cases:
-                altered_m, _ = alteration.alter(case, points_m, generator(alteration, stamp_ns))
-                return np.asarray(altered_m)
+        for perturbation in self.perturbations:
+            if case in perturbation.cases:
+                perturbed_m, _ = perturbation.perturb(
+                    case, points_m, generator(perturbation, stamp_ns)
+                )
+                return np.asarray(perturbed_m)
         raise InputError(
-            f"{self.rankings[0]}: a ranking of {case}, which no alteration given here makes"
+            f"{self.rankings[0]}: a ranking of {case}, which no perturbation given here makes"
         )
 
     def _candidates(self, count: int, k: int) -> Candidates:

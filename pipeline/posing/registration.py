@@ -18,7 +18,7 @@ import small_gicp
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, InputError
-from pipeline.core.frames import moved
+from pipeline.core.frames import transformed
 from pipeline.core.settings import Count, Positive, checked
 
 Points = NDArray[np.float64]
@@ -30,7 +30,7 @@ NEAR_ENOUGH_M = 0.02
 NEAR_ENOUGH_RAD = 0.01
 """An approach ends at a step and a turn below these: the refinement does the rest."""
 LEAST_OFF_M = 0.01
-"""Clouds are not believed to fit better than this."""
+"""Clouds are not accepted to fit better than this."""
 
 
 @dataclass(frozen=True)
@@ -221,7 +221,7 @@ class Registration:
         )
         target_T_source = np.asarray(result.T_target_source)
         # The pairs of nearest points, and how far each lies off the target's surface.
-        moved_m = moved(target_T_source, source.xyz_m)
+        moved_m = transformed(target_T_source, source.xyz_m)
         nearest, distances_m = target.nearest(moved_m)
         is_paired = distances_m < self.inlier_m
         overlap = float(is_paired.mean())
@@ -240,7 +240,7 @@ class Registration:
     ) -> float:
         """The share of the source's rough points with a point of the target within `reach_m`."""
         rough_m = np.asarray(source.rough.points())[:, :3]
-        _, distances_m = target.nearest(moved(target_T_source, rough_m))
+        _, distances_m = target.nearest(transformed(target_T_source, rough_m))
         return float((distances_m < self.reach_m).mean())
 
 

@@ -1,4 +1,4 @@
-"""The search for a query's pose: points and a ranking's answers in; a `Fix` out (METHODS 9.4).
+"""The search for a query's pose: points and a ranking's answers in; a `ScanFix` out (METHODS 9.4).
 
 `Fixer.fix` makes one hypothesis, a pose that the query may have, after the other until one is sure:
 
@@ -6,9 +6,9 @@
 2. In rounds of candidates (first the places that the ranking names, then the whole map by likeness
    of walls): match walls from above, register roughly from the best matches (an approach), and
    refine the approaches that overlap most.
-3. Check each refined pose against the map (`Hypothesis`), and compute the chances of all.
+3. Check each refined pose against the map (`Hypothesis`), and compute the probabilities of all.
 4. If the likeliest pose looks right elsewhere along its street too, register there as well: at its
-   slid copies (`slides`).
+   aliases (`aliases`).
 
 `Fixer.track` starts from a pose that is nearly known instead.
 """
@@ -26,11 +26,11 @@ from pipeline.core.errors import ConfigError, InputError
 from pipeline.core.frames import pose, yaw
 from pipeline.core.settings import Count, NotNegative, Share, checked
 from pipeline.matching.ranking import Ranking
-from pipeline.posing.chances import USUAL, Chances
+from pipeline.posing.aliases import aliases
 from pipeline.posing.expectations import Expectations
-from pipeline.posing.fix import Fix, Hypothesis, is_same_pose
+from pipeline.posing.fix import Hypothesis, ScanFix, is_same_pose
+from pipeline.posing.probabilities import USUAL, Probabilities
 from pipeline.posing.registration import Alignment, Approach, Cloud, Points, Registration
-from pipeline.posing.slides import slide
 from pipeline.posing.targets import Targets, within_range
 from pipeline.posing.verification import Agreement, Seen, agreement
 from pipeline.posing.walls import Chart, Walls
@@ -39,7 +39,7 @@ BESIDE_BOUNDS_M = (2.5, 15.0)
 """A pose is checked against a second submap too: at least the first distance from the first submap,
 and nearer than the second distance to the pose."""
 LIKELY = 0.05
-"""A hypothesis is likely from this chance on. Only then is it compared with its slid copies, and
+"""A hypothesis is likely from this probability on. Only then is it compared with its aliases, and
 with approaches of little overlap."""
 
 
@@ -122,18 +122,18 @@ class Fixer:
     refined: Count = 2
     """Number of refined registrations in each round: of the approaches that overlap most."""
     sure: Share = 0.95
-    """A hypothesis of this chance ends the search."""
-    least_lead: NotNegative = 0.1
-    """The slid copies of the likeliest hypothesis are registered too unless it leads by this."""
+    """A hypothesis of this probability ends the search."""
+    least_margin: NotNegative = 0.1
+    """The aliases of the likeliest hypothesis are registered too unless it leads by this."""
     least_overlap: Share = 0.0
-    """An approach of less overlap is not refined; learned from held-out blocks (`held_out`)."""
+    """An approach of less overlap is not refined; learned from validation blocks (`validation`)."""
     widest_m: NotNegative = 0.5
     """A refined pose whose position has a wider spread is dropped: nothing holds it in some
     direction, for example along a bare wall."""
-    chances: Chances = USUAL
-    """The model of the chance that a hypothesis is right, learned from held-out blocks."""
+    probabilities: Probabilities = USUAL
+    """The model of the probability that a hypothesis is right, learned from validation blocks."""
     expectations: Expectations = field(default_factory=Expectations)
-    """The signs to expect at each place, learned from held-out blocks."""
+    """The features to expect at each place, learned from validation blocks."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rounds", tuple(self.rounds))  # a yaml has lists
@@ -146,7 +146,7 @@ class Fixer:
         targets: Targets,
         answers: Answers = NO_ANSWERS,
         left_out: NDArray[np.bool_] | None = None,
-    ) -> Fix:
+    ) -> ScanFix:
         """Fix a query's points (n, 3), z up from the ground.
 
         The answers of a ranking are tried first, then the whole map. Training submaps `left_out`
@@ -154,14 +154,14 @@ class Fixer:
         """
         query = self._prepared(points_m, targets)
         if query is None:
-            return Fix()
+            return ScanFix()
         left_out = np.zeros(len(targets.world_T_anchor), bool) if left_out is None else left_out
         search = _Search(self, query, targets, left_out)
         return self._first_sure(partial(search.everywhere, answers), search.from_copies)
 
     def track(
         self, points_m: Points, targets: Targets, world_T_guess: NDArray[np.float64], rows: int = 2
-    ) -> Fix:
+    ) -> ScanFix:
         """Fix a query's points (n, 3) whose pose is known to a metre and some degrees.
 
         From that guess (4, 4) they are registered against the nearest submaps, `rows` at most, one
@@ -169,7 +169,7 @@ class Fixer:
         """
         query = self._prepared(points_m, targets)
         if query is None:
-            return Fix()
+            return ScanFix()
         search = _Search(self, query, targets, np.zeros(len(targets.world_T_anchor), bool))
 
         def from_guess(_: Callable[[], float]) -> Iterator[Hypothesis]:
@@ -190,41 +190,41 @@ class Fixer:
         self,
         make_hypotheses: Callable[[Callable[[], float]], Iterator[Hypothesis]],
         make_from_copies: Callable[[Hypothesis], list[Hypothesis]] | None = None,
-    ) -> Fix:
+    ) -> ScanFix:
         """Build the fix from as many hypotheses as it takes to be sure of one.
 
         `make_hypotheses` makes them one by one. It is given a function for the least overlap of an
         approach that is worth refining, since that changes on the way: once there is a likely
         hypothesis, any further pose is worth a comparison with it. `make_from_copies` registers at
-        the slid copies of a hypothesis: of the likeliest one, and if one of the copies becomes the
+        the aliases of a hypothesis: of the likeliest one, and if one of the copies becomes the
         likeliest, of that one too.
         """
         hypotheses: list[Hypothesis] = []
         compared: list[Hypothesis] = []
-        fix = Fix()
+        fix = ScanFix()
 
         def least_overlap() -> float:
-            return 0.0 if fix.chance >= LIKELY else self.least_overlap
+            return 0.0 if fix.probability >= LIKELY else self.least_overlap
 
         for hypothesis in make_hypotheses(least_overlap):
             hypotheses.append(hypothesis)
-            fix = Fix.of(hypotheses, self.chances)
+            fix = ScanFix.of(hypotheses, self.probabilities)
             while make_from_copies is not None and self._needs_comparison(fix, compared):
                 compared.append(fix.hypotheses[0])
                 hypotheses += make_from_copies(fix.hypotheses[0])
-                fix = Fix.of(hypotheses, self.chances)
-            if fix.chance >= self.sure:
+                fix = ScanFix.of(hypotheses, self.probabilities)
+            if fix.probability >= self.sure:
                 break
         return fix
 
-    def _needs_comparison(self, fix: Fix, compared: Sequence[Hypothesis]) -> bool:
-        """Whether the likeliest hypothesis is to be compared with its slid copies.
+    def _needs_comparison(self, fix: ScanFix, compared: Sequence[Hypothesis]) -> bool:
+        """Whether the likeliest hypothesis is to be compared with its aliases.
 
         It is not if it leads them by far, if it is not likely, or if it (or one at the same pose)
         was `compared` before.
         """
         best = fix.hypotheses[0]
-        if fix.chance < LIKELY or best.slide.lead >= self.least_lead:
+        if fix.probability < LIKELY or best.aliases.margin >= self.least_margin:
             return False
         return not is_same_pose(best, compared).any()
 
@@ -247,8 +247,8 @@ class _Search:
         """
         yield from self._from_first_answer(answers, least_overlap)
         nearest = self.targets.nearest(answers.xy_m, self.left_out)
-        alike = self.targets.alike(self.fixer.coarse, self.query.walls_m, self.left_out)
-        rows = self.targets.spaced(chain(nearest, alike))
+        similar = self.targets.similar(self.fixer.coarse, self.query.walls_m, self.left_out)
+        rows = self.targets.spaced(chain(nearest, similar))
         for count in self.fixer.rounds:
             yield from self._round(list(islice(rows, count)), least_overlap)
 
@@ -264,7 +264,7 @@ class _Search:
     def from_copies(self, hypothesis: Hypothesis) -> list[Hypothesis]:
         """Register at each slid copy of a hypothesis; returns the hypotheses made there."""
         hypotheses: list[Hypothesis] = []
-        for copy in hypothesis.slide.copies:
+        for copy in hypothesis.aliases.copies:
             hypotheses += self._registered(copy.row, copy.target_T_query)
         return hypotheses
 
@@ -351,7 +351,7 @@ class _Search:
             here=self._agreement(row, world_T_query),
             beside=self._agreement(self._beside(row, world_T_query), world_T_query),
             tilt_deg=float(np.rad2deg(np.arccos(upward_cosine))),
-            slide=slide(
+            aliases=aliases(
                 fixer.walls, self.targets, self.query.middles, world_T_query, self.left_out
             ),
             approach_overlap=approach_overlap,

@@ -133,7 +133,7 @@ class Targets:
                 np.linalg.norm(anchors_m - finite_xy_m[:, None], axis=2).argmin(axis=1).tolist()
             )
 
-    def alike(self, walls: Walls, walls_m: Points, left_out: NDArray[np.bool_]) -> Iterator[int]:
+    def similar(self, walls: Walls, walls_m: Points, left_out: NDArray[np.bool_]) -> Iterator[int]:
         """Rows that are not `left_out` (row,), by how well their walls fit a query's (n, 3)."""
         cells_at_headings = walls.cells_at_headings(walls_m)
         rows = list(self.spaced(np.flatnonzero(~left_out)))

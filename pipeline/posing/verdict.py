@@ -1,10 +1,11 @@
-"""Verdicts: the chance that a fix is right, and when to reject it (METHODS 9.5, 13.4).
+"""Verdicts: the probability that a fix is right, and when to reject it (METHODS 9.5, 13.4).
 
-In: `Evidence`, the fixes of held-out queries whose true poses are known. Out: a `Judge`, which says
-for any fix how doubtful each of three BELIEFS is (that the pose is right; that the place is; that
-one of several poses is); and a `Verdict`: for each belief and each of PROMISES the doubt from which
-on to reject, so that among the accepted ones the promised share is right. Fixes of 3-D scans and of
-level sweeps are judged alike, within other `Tolerances`.
+In: `FixEvidence`, the fixes of validation queries whose true poses are known. Out: a `Judge`, which
+says for any fix the error probability of each of three claims (that the pose is right; that the
+place is; that one of several poses is); and a `Verdict`: for each claim and each of
+TARGET_PRECISIONS the error probability from which on to reject, so that the target share of the
+accepted ones is right. Fixes of 3-D scans and of level sweeps are judged in the same way, within
+other `Tolerances`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,41 +18,42 @@ from scipy.special import expit, logit
 
 from pipeline.core.frames import RIGHT_WITHIN, Poses, distance_and_turn
 from pipeline.matching.rejection import threshold_for
-from pipeline.posing import chances
-from pipeline.posing.chances import Chances, learned
+from pipeline.posing import probabilities
 from pipeline.posing.expectations import Expectations
 from pipeline.posing.fix import Registered
+from pipeline.posing.probabilities import Probabilities, learned
 
-PROMISES = (0.95, 0.99, 0.999)
+TARGET_PRECISIONS = (0.95, 0.99, 0.999)
 """Wanted precisions: shares of right fixes among the accepted ones."""
 SEVERAL = 3
-"""Largest number of poses that are named if none alone is believed: the likeliest, and the first
+"""Largest number of poses that are named if none alone is accepted: the likeliest, and the first
 runners-up elsewhere (`Registered.elsewhere`)."""
-BELIEFS = ("fix", "place", "several")
-"""What may be believed of a query, the strongest claim first: that its pose is right; that it is
+CLAIMS = ("fix", "place", "several")
+"""What may be accepted of a query, the strongest claim first: that its pose is right; that it is
 near that pose; that one of SEVERAL poses is right."""
-LEAST_DOUBT = 1e-9
-"""Doubts are cut off here before their log-odds are taken."""
+LEAST_ERROR_PROBABILITY = 1e-9
+"""Error probabilities are cut off here before their log-odds are taken."""
 AnyFix = Registered[Any]
 """A fix of a 3-D scan or of level sweeps."""
 FixT_co = TypeVar("FixT_co", bound=AnyFix, covariant=True)
-Beliefs = Mapping[str, tuple[float, ...]]
-"""For each of BELIEFS the doubts from which on to reject it, one for each promise."""
+ClaimThresholds = Mapping[str, tuple[float, ...]]
+"""For each of CLAIMS the error probabilities from which on to reject it, one for each target
+precision."""
 
 
 @dataclass(frozen=True)
 class Tolerances:
-    """How far a pose may be off, and how much doubt a promise allows."""
+    """How far a pose may be off, and how much error probability a target precision allows."""
 
     right_within: tuple[float, float]
     """A pose is right within these metres and degrees."""
     near_m: float
     """A place is right within this distance."""
     largest_multiple: float
-    """A belief is rejected if its doubt is more than this multiple of the share of wrong ones that
-    a promise allows (METHODS 9.5)."""
+    """A claim is rejected if its error probability is more than this multiple of the share of wrong
+    ones that a target precision allows (METHODS 9.5)."""
     scales: NDArray[np.float64] = field(compare=False)
-    """(sign,) a usual difference of each sign, by which learned weights are scaled."""
+    """(feature,) a usual difference of each feature, by which learned weights are scaled."""
     is_level: bool = False
     """Whether heights are left aside."""
 
@@ -73,77 +75,89 @@ class Tolerances:
         return is_right, away_m < self.near_m
 
 
-OF_SCANS = Tolerances(RIGHT_WITHIN, near_m=15.0, largest_multiple=10.0, scales=chances.SCALES)
+OF_SCANS = Tolerances(RIGHT_WITHIN, near_m=15.0, largest_multiple=10.0, scales=probabilities.SCALES)
 """The tolerances of 3-D scans."""
 
 
 @dataclass(frozen=True)
 class Judge:
-    """Says how doubtful each belief in a fix is."""
+    """Says the error probability of each of three claims."""
 
-    pose: Chances
-    """The model of the chance that a hypothesis is right."""
-    place: Chances
-    """The model of the chance that a hypothesis is near."""
+    pose: Probabilities
+    """The model of the probability that a hypothesis is right."""
+    place: Probabilities
+    """The model of the probability that a hypothesis is near."""
     tolerances: Tolerances = OF_SCANS
 
-    def doubts(self, fix: AnyFix) -> NDArray[np.float64]:
-        """The doubt (belief,) in each of BELIEFS: one minus its chance; 1 without a hypothesis."""
+    def error_probabilities(self, fix: AnyFix) -> NDArray[np.float64]:
+        """The error probability (claim,) in each of CLAIMS: one minus its probability; 1 without a
+        hypothesis."""
         if not fix.hypotheses:
-            return np.ones(len(BELIEFS))
-        # Shares (hypothesis + 1,): the last is the chance that no hypothesis is right.
-        fix_signs = fix.signs
-        pose_shares = self.pose.shares(fix_signs)
-        place_shares = self.place.shares(fix_signs)
+            return np.ones(len(CLAIMS))
+        # Shares (hypothesis + 1,): the last is the probability that no hypothesis is right.
+        fix_features = fix.features
+        pose_shares = self.pose.shares(fix_features)
+        place_shares = self.place.shares(fix_features)
         places_m = fix.poses[:, :2, 3]
         is_far = np.linalg.norm(places_m - places_m[0], axis=1) >= self.tolerances.near_m
         is_unnamed = np.ones(len(pose_shares), bool)
         is_unnamed[_named(fix)] = False
-        # Each doubt is the chance of all that the belief rules out.
-        pose_doubt = pose_shares[1:].sum()
-        place_doubt = place_shares[np.append(is_far, True)].sum()
-        several_doubt = pose_shares[is_unnamed].sum()
-        return np.array([pose_doubt, place_doubt, several_doubt]).clip(0, 1)
+        # Each error probability is the probability of all that the claim rules out.
+        pose_error_probability = pose_shares[1:].sum()
+        place_error_probability = place_shares[np.append(is_far, True)].sum()
+        several_error_probability = pose_shares[is_unnamed].sum()
+        return np.array(
+            [pose_error_probability, place_error_probability, several_error_probability]
+        ).clip(0, 1)
 
 
-USUAL = Judge(chances.USUAL, chances.USUAL)
+USUAL = Judge(probabilities.USUAL, probabilities.USUAL)
 """The judge of 3-D scans that learning starts from."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """When to believe the fixes of a site: chances of beliefs, and limits of the doubt in each."""
+    """When to accept the fixes of a site: probabilities of claims, and thresholds of the error
+    probability in each."""
 
-    pose: Chances
-    """Gives the chance that a pose is right."""
-    place: Chances
-    """Gives the chance that the robot is near a pose."""
-    promises: tuple[float, ...]
+    pose: Probabilities
+    """Gives the probability that a pose is right."""
+    place: Probabilities
+    """Gives the probability that the robot is near a pose."""
+    target_precisions: tuple[float, ...]
     """The precisions that were tried; those `kept` a user may ask for."""
-    promised: Beliefs
-    """For each of BELIEFS and each promise, the doubt from which on to reject to keep the promise.
-    Where it is not above 0 the promise cannot be kept."""
-    held_out: int
-    """The number of held-out blocks of the training day that the limits rest on."""
+    claim_thresholds: ClaimThresholds
+    """For each of CLAIMS and each target precision, the error probability from which on to reject
+    to reach the target precision. Where it is not above 0 the target precision cannot be kept."""
+    validation: int
+    """The number of validation blocks of the training day that the thresholds rest on."""
     unseen_share: float
     """The share of queries that are expected where training never went."""
 
     @property
     def kept(self) -> tuple[float, ...]:
-        """The precisions that can be promised of a pose."""
-        return tuple(self.limits)
+        """The target precisions that poses can reach."""
+        return tuple(self.thresholds)
 
     @property
-    def limits(self) -> dict[float, tuple[float, ...]]:
-        """For each precision that can be promised of a pose, the limits of doubts in BELIEFS."""
-        limits_of_beliefs = [self.promised[belief] for belief in BELIEFS]
-        limits = zip(self.promises, zip(*limits_of_beliefs, strict=True), strict=True)
-        return {promise: of_beliefs for promise, of_beliefs in limits if of_beliefs[0] > 0}
+    def thresholds(self) -> dict[float, tuple[float, ...]]:
+        """For each target precision that a pose can reach, the thresholds of error probabilities in
+        CLAIMS."""
+        thresholds_of_claims = [self.claim_thresholds[claim] for claim in CLAIMS]
+        thresholds = zip(
+            self.target_precisions, zip(*thresholds_of_claims, strict=True), strict=True
+        )
+        return {
+            target_precision: of_claims
+            for target_precision, of_claims in thresholds
+            if of_claims[0] > 0
+        }
 
 
 @dataclass(frozen=True)
-class Evidence(Generic[FixT_co]):
-    """Fixes of held-out queries, each asked in several ways; one of them as a place never seen."""
+class FixEvidence(Generic[FixT_co]):
+    """Fixes of validation queries, each asked in several ways; one of them as a place never
+    seen."""
 
     fixes: Sequence[FixT_co]
     world_T_true: Poses
@@ -156,7 +170,7 @@ class Evidence(Generic[FixT_co]):
     least_overlap: float = 0.0
     """The overlap from which on an approach was refined (Fixer.least_overlap)."""
     expectations: Expectations = field(default_factory=Expectations)
-    """The signs of the right fixes, by which later fixes are judged."""
+    """The features of the right fixes, by which later fixes are judged."""
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
@@ -190,72 +204,89 @@ class Evidence(Generic[FixT_co]):
     def learned(self, unseen_share: float, start: Judge = USUAL) -> Judge:
         """A judge learned from the fixes, starting from another."""
         tolerances = start.tolerances
-        all_signs = [fix.signs for fix in self.fixes]
-        truths = [
+        all_features = [fix.features for fix in self.fixes]
+        ground_truths = [
             tolerances.right_and_near(fix, world_T_true)
             for fix, world_T_true in zip(self.fixes, self.world_T_true, strict=True)
         ]
-        are_right = [is_right for is_right, _ in truths]
-        are_near = [is_near for _, is_near in truths]
+        are_right = [is_right for is_right, _ in ground_truths]
+        are_near = [is_near for _, is_near in ground_truths]
         weight = self.weight(unseen_share)
         return replace(
             start,
-            pose=learned(all_signs, are_right, weight, start.pose, tolerances.scales),
-            place=learned(all_signs, are_near, weight, start.place, tolerances.scales),
+            pose=learned(all_features, are_right, weight, start.pose, tolerances.scales),
+            place=learned(all_features, are_near, weight, start.place, tolerances.scales),
         )
 
     def judged(self, judge: Judge) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """The doubts (fix, belief) in the fixes, and which beliefs are true."""
-        doubts = np.ones((len(self.fixes), len(BELIEFS)))
-        truths = np.zeros(doubts.shape, bool)
+        """The error probabilities (fix, claim) in the fixes, and which claims are true."""
+        error_probabilities = np.ones((len(self.fixes), len(CLAIMS)))
+        ground_truths = np.zeros(error_probabilities.shape, bool)
         for row, (fix, world_T_true) in enumerate(zip(self.fixes, self.world_T_true, strict=True)):
             ordered = fix.ordered(judge.pose)
-            doubts[row] = judge.doubts(ordered).astype(np.float32)  # as artifacts hold them
+            error_probabilities[row] = judge.error_probabilities(ordered).astype(
+                np.float32
+            )  # as artifacts hold them
             if fix.hypotheses:
                 is_right, is_near = judge.tolerances.right_and_near(ordered, world_T_true)
-                truths[row] = is_right[0], is_near[0], is_right[_named(ordered)].any()
-        return doubts, truths
+                ground_truths[row] = is_right[0], is_near[0], is_right[_named(ordered)].any()
+        return error_probabilities, ground_truths
 
-    def limits(self, judge: Judge, unseen_share: float) -> Beliefs:
-        """For each of BELIEFS and of PROMISES, the doubt from which on a belief is rejected.
+    def thresholds(self, judge: Judge, unseen_share: float) -> ClaimThresholds:
+        """For each of CLAIMS and of TARGET_PRECISIONS, the error probability from which on a claim
+        is rejected.
 
-        1. Take the largest doubt at which the evidence keeps the promise, and would keep it if one
-           more accepted query had been wrong: so the promise of .99 takes 99 independent accepted
-           queries. That bounds the risk of a further query, as in conformal prediction
-           (Angelopoulos et al., Conformal Risk Control, ICLR 2024). If no doubt keeps the promise,
-           accept nothing.
+        1. Take the largest error probability at which the evidence reaches the target precision,
+           and would keep it if one more accepted query had been wrong: so the target precision .99
+           takes 99 independent accepted queries. That bounds the risk of a further query, as in
+           conformal prediction (Angelopoulos et al., Conformal Risk Control, ICLR 2024). If no
+           error probability reaches the target precision, accept nothing.
         2. Move it to the middle of the gap, in log-odds, to the next query that would break it.
-        3. Cut it off at the `largest_multiple` of the share of wrong ones that the promise allows:
-           if much larger doubts are accepted on this day, a later day may break the promise.
+        3. Cut it off at the `largest_multiple` of the share of wrong ones that the target precision
+           allows: if much larger error probabilities are accepted on this day, a later day may
+           misses the target precision.
         """
-        all_doubts, all_true = self.judged(judge)
+        all_error_probabilities, all_true = self.judged(judge)
         weight = self.weight(unseen_share)
-        limits = {}
-        for belief, doubts, true in zip(BELIEFS, all_doubts.T, all_true.T, strict=True):
-            edges = [threshold_for(promise, doubts, true, weight, 1.0) for promise in PROMISES]
-            limits[belief] = tuple(
-                min(middle(doubts, edge), judge.tolerances.largest_multiple * (1 - promise))
-                for promise, edge in zip(PROMISES, edges, strict=True)
+        thresholds = {}
+        for claim, error_probabilities, true in zip(
+            CLAIMS, all_error_probabilities.T, all_true.T, strict=True
+        ):
+            edges = [
+                threshold_for(target_precision, error_probabilities, true, weight, 1.0)
+                for target_precision in TARGET_PRECISIONS
+            ]
+            thresholds[claim] = tuple(
+                min(
+                    middle(error_probabilities, edge),
+                    judge.tolerances.largest_multiple * (1 - target_precision),
+                )
+                for target_precision, edge in zip(TARGET_PRECISIONS, edges, strict=True)
             )
-        return limits
+        return thresholds
 
     def verdict(self, unseen_share: float) -> Verdict:
         """The verdict on fixes of 3-D scans, learned from these."""
         judge = self.learned(unseen_share)
-        limits = self.limits(judge, unseen_share)
-        return Verdict(judge.pose, judge.place, PROMISES, limits, self.blocks, unseen_share)
+        thresholds = self.thresholds(judge, unseen_share)
+        return Verdict(
+            judge.pose, judge.place, TARGET_PRECISIONS, thresholds, self.blocks, unseen_share
+        )
 
 
-def middle(doubts: NDArray[np.float64], limit: float) -> float:
-    """Move a limit to the middle, in log-odds, of the gap between doubts (n,) that it lies in.
+def middle(error_probabilities: NDArray[np.float64], threshold: float) -> float:
+    """Move a threshold to the middle, in log-odds, of the gap between error probabilities (n,) that
+    it lies in.
 
-    A limit below or above all of them stays.
+    A threshold below or above all of them stays.
     """
-    above = doubts[doubts >= limit]
-    below = doubts[doubts < limit]
+    above = error_probabilities[error_probabilities >= threshold]
+    below = error_probabilities[error_probabilities < threshold]
     if not len(above) or not len(below):
-        return limit
-    lower, upper = np.array([below.max(), above.min()]).clip(LEAST_DOUBT, 1 - LEAST_DOUBT)
+        return threshold
+    lower, upper = np.array([below.max(), above.min()]).clip(
+        LEAST_ERROR_PROBABILITY, 1 - LEAST_ERROR_PROBABILITY
+    )
     return float(expit((logit(lower) + logit(upper)) / 2))
 
 

@@ -2,7 +2,7 @@
 
 In: a query and a training submap, both with the points that their sensors met and the space that
 they saw through, and the query's pose in the submap's frame. Out: an `Agreement`: shares of their
-walls. A `Fix` compares poses by them.
+walls. A `ScanFix` compares poses by them.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.frames import moved
+from pipeline.core.frames import transformed
 from pipeline.posing.registration import Cloud, Points
 from pipeline.posing.walls import SEEN_THROUGH, Chart, Walls, cell_numbers
 
@@ -22,7 +22,7 @@ class Agreement:
 
     Only points of walls count, which are all things well above the ground: ground fits ground at
     any pose. Each upright column of such points counts once, so that a long high wall does not
-    outvote the trees by which it can be told from other walls.
+    outvote the trees by which it can be distinguished from other walls.
 
     A sensor contradicts a wall if it saw through where the wall is. A wall that was hidden from the
     sensor is neither shared nor contradicted.
@@ -72,9 +72,9 @@ def agreement(
 
     Each of the two has a wall point of the other if it has a point nearer than `inlier_m` to it.
     """
-    query_walls_m = moved(target_T_query, query.walls_m)  # in the target's frame
+    query_walls_m = transformed(target_T_query, query.walls_m)  # in the target's frame
     in_target, structure = _shares(walls, inlier_m, target, query_walls_m)
-    target_walls_m = moved(np.asarray(np.linalg.inv(target_T_query)), target.walls_m)
+    target_walls_m = transformed(np.asarray(np.linalg.inv(target_T_query)), target.walls_m)
     is_in_range = np.hypot(target_walls_m[:, 0], target_walls_m[:, 1]) < walls.range_m
     in_query, seen_again = _shares(walls, inlier_m, query, target_walls_m[is_in_range])
     return Agreement((in_target + in_query) / 2, structure, seen_again)

@@ -35,12 +35,12 @@ class Bag:
 
     points: str = "/points"
     """Topic of the clouds (PointCloud2), or of the sweeps of a 2-D LiDAR (LaserScan)."""
-    truth: str | None = "/odom"
+    ground_truth: str | None = "/odom"
     """Topic of the true poses (Odometry, PoseStamped, PoseWithCovarianceStamped), or
     tf:PARENT>CHILD. None: all messages are taken, without true poses."""
     odometry: str | None = None
     """Topic or tf:PARENT>CHILD of poses that drift but never jump; after a gap the odometry starts
-    anew."""
+    again."""
     body_T_lidar: Sequence[float] | None = None
     """Pose of the LiDAR in the body's frame: x, y, z in metres, roll, pitch, yaw in degrees. None:
     it is taken from the fixed transforms in the bags."""
@@ -53,7 +53,7 @@ class Bag:
     there is no odometry."""
 
     def __post_init__(self) -> None:
-        for key, name in (("truth", self.truth), ("odometry", self.odometry)):
+        for key, name in (("ground_truth", self.ground_truth), ("odometry", self.odometry)):
             if name is None:
                 continue
             parent, sign, child = name.removeprefix("tf:").partition(">")
@@ -73,35 +73,45 @@ class Bag:
         # clouds, poses and the LiDAR's place in the body
         skipped: Counter[str] = Counter()
         clouds = Clouds.read(files, self.points, skipped)
-        truth = track(files, self.truth, self.max_gap_s) if self.truth else None
+        ground_truth = (
+            track(files, self.ground_truth, self.max_gap_s) if self.ground_truth else None
+        )
         odometry = track(files, self.odometry, self.max_gap_s) if self.odometry else None
-        body_T_lidar = self._extrinsic(where, files, clouds.frames, truth or odometry)
+        body_T_lidar = self._extrinsic(where, files, clouds.frames, ground_truth or odometry)
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
 
-        # the clouds that have a pose, with odometry of the frame that the truth is of
+        # the clouds that have a pose, with odometry of the frame that the ground truth is of
         posed = log.rows_with_poses(
             where,
             clouds.stamps_ns,
-            truth=truth.trajectory if truth else None,
+            ground_truth=ground_truth.trajectory if ground_truth else None,
             odometry=odometry.trajectory if odometry else None,
             skipped=skipped,
-            question=f"do {self.points} and {self.truth} share a clock?",
+            question=f"do {self.points} and {self.ground_truth} share a clock?",
             scans="messages",
-            truth_name=truth.name if truth else "",
+            ground_truth_name=ground_truth.name if ground_truth else "",
             odometry_name=odometry.name if odometry else "",
             keeps_unplaced=clouds.kind == SWEEP,  # submaps gather them
         )
         stamps_ns = clouds.stamps_ns[posed.rows]
         odom_T_body = posed.odom_T_scan
-        if odometry and odometry.child and truth and truth.child and odometry.child != truth.child:
-            odom_T_body = odom_T_body @ _fixed_transform(where, files, odometry.child, truth.child)
+        if (
+            odometry
+            and odometry.child
+            and ground_truth
+            and ground_truth.child
+            and odometry.child != ground_truth.child
+        ):
+            odom_T_body = odom_T_body @ _fixed_transform(
+                where, files, odometry.child, ground_truth.child
+            )
 
         imu_heading = None
         if self.imu:
             vehicle_R_lidar = vehicle_T_lidar[:3, :3]
             imu_heading = heading(files, self.imu, clouds.frames, vehicle_R_lidar, self.max_gap_s)
         uncertainty = odometry.uncertainty if odometry else None
-        sources = (clouds, truth, odometry, imu_heading)
+        sources = (clouds, ground_truth, odometry, imu_heading)
         source_notes = [note for source in sources if source for note in source.notes]
 
         def points(row: int) -> NDArray[np.float64]:
@@ -149,7 +159,7 @@ class Bag:
             topics |= file.topics
         settings = [
             ("points", self.points, (CLOUD, SWEEP)),
-            ("truth", self.truth, KINDS),
+            ("ground_truth", self.ground_truth, KINDS),
             ("odometry", self.odometry, KINDS),
             ("imu", self.imu, (IMU,)),
         ]

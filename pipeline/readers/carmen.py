@@ -1,10 +1,10 @@
 """Reads a CARMEN log of a robot with 2-D lasers as a Log (METHODS 7.5).
 
 Freiburg and MIT published such logs. ROOT/NAME.log, .log.gz or .clf, or the same in a folder below
-ROOT, is the sequence NAME. A corrected log has corrected poses, the truth, at its sweeps; the
-odometry readings between two sweeps start at the corrected pose and drift from there, so their
+ROOT, is the sequence NAME. A corrected log has corrected poses, the ground truth, at its sweeps;
+the odometry readings between two sweeps start at the corrected pose and drift from there, so their
 steps are what the wheels measured. A raw log has the odometry at its sweeps; then a corrected log
-beside it has the truth.
+beside it has the ground truth.
 """
 
 from collections import Counter
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, LogError
-from pipeline.core.frames import LATEST_NS, Poses, Stamps, moved, pose
+from pipeline.core.frames import LATEST_NS, Poses, Stamps, pose, transformed
 from pipeline.core.settings import Positive, checked
 from pipeline.formats import carmen
 from pipeline.formats.carmen import Laser, Records, Sweep
@@ -87,10 +87,10 @@ class Carmen:
         world_T_scan = _planar([sweep.robot_pose for sweep in sweeps])
         if self.corrected is not None:
             corrected_path = path.with_name(self.corrected.format(sequence=sequence))
-            world_T_scan = self._truth(corrected_path, stamps, records.skipped)
-        has_truth: NDArray[np.bool_] = np.all(np.isfinite(world_T_scan), axis=(1, 2))
-        log.refuse_poses(path, world_T_scan, has_truth)
-        posed_rows = np.flatnonzero(has_truth | np.isfinite(odom_T_scan).all(axis=(1, 2)))
+            world_T_scan = self._ground_truth(corrected_path, stamps, records.skipped)
+        has_ground_truth: NDArray[np.bool_] = np.all(np.isfinite(world_T_scan), axis=(1, 2))
+        log.refuse_poses(path, world_T_scan, has_ground_truth)
+        posed_rows = np.flatnonzero(has_ground_truth | np.isfinite(odom_T_scan).all(axis=(1, 2)))
         # ranges
         limits_m = [self._limit_m(records, sweep) for sweep in sweeps]
         far_count = sum(
@@ -106,7 +106,7 @@ class Carmen:
         if not is_raw and not _repeats_poses(records, sweeps):
             notes.append(
                 "no reading of the odometry repeats a sweep's pose: is it a raw log? Then "
-                "reader.corrected names its truth"
+                "reader.corrected names its ground truth"
             )
 
         def points(row: int) -> NDArray[np.float64]:
@@ -127,9 +127,9 @@ class Carmen:
         for name, path in sorted(self._files(root).items()):
             missing[name] = []
             if self.corrected:
-                truth_path = path.with_name(self.corrected.format(sequence=name))
-                if not truth_path.is_file():
-                    missing[name].append(truth_path.name)
+                ground_truth_path = path.with_name(self.corrected.format(sequence=name))
+                if not ground_truth_path.is_file():
+                    missing[name].append(ground_truth_path.name)
         return missing
 
     def _files(self, root: Path) -> dict[str, Path]:
@@ -164,7 +164,7 @@ class Carmen:
         skipped["stamp of an earlier one"] += len(sweeps) - len(increasing_rows)
         return _SweepStamps(stamps_ns[increasing_rows], increasing_rows, are_counted=False)
 
-    def _truth(self, path: Path, stamps: "_SweepStamps", skipped: Counter[str]) -> Poses:
+    def _ground_truth(self, path: Path, stamps: "_SweepStamps", skipped: Counter[str]) -> Poses:
         """The poses (sweep, 4, 4) in the corrected log `path`; NaN for a sweep that it lacks."""
         sweeps = [sweep for sweep in carmen.read(path).sweeps if sweep.laser in self.lasers]
         poses = _planar([sweep.robot_pose for sweep in sweeps])
@@ -220,14 +220,14 @@ def sweep_points(sweep: Sweep, limit_m: float, lift_m: float) -> NDArray[np.floa
     angles_rad = sweep.angles_rad[is_hit]
     laser_xy_m = np.column_stack([ranges_m * np.cos(angles_rad), ranges_m * np.sin(angles_rad)])
     robot_T_laser = np.linalg.inv(_planar([sweep.robot_pose])[0]) @ _planar([sweep.laser_pose])[0]
-    xy_m = moved(robot_T_laser, laser_xy_m)
+    xy_m = transformed(robot_T_laser, laser_xy_m)
     return np.column_stack([xy_m, np.full(len(xy_m), lift_m)])
 
 
 def _odometry(records: Records, sweeps: Sequence[Sweep], is_raw: bool) -> Poses:
     """Poses (sweep, 4, 4) by the wheels alone, from the first reading on; NaN before it."""
-    # In a raw log the poses of the sweeps are the odometry. In a corrected one they are the truth,
-    # and the reading that follows a sweep repeats its pose: the step to that reading is a
+    # In a raw log the poses of the sweeps are the odometry. In a corrected one they are the ground
+    # truth, and the reading that follows a sweep repeats its pose: the step to that reading is a
     # correction, not a motion, so it is left out.
     if is_raw:
         return _planar([sweep.robot_pose for sweep in sweeps])

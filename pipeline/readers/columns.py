@@ -32,7 +32,7 @@ def columns(path: Path, names: Sequence[str]) -> Table:
             if missing_names:
                 raise LogError(
                     f"{path}: its first line names no column {', '.join(missing_names)}; fetch the "
-                    "file anew"
+                    "file again"
                 )
             pick_columns = itemgetter(*(header.index(name) for name in names))
             cells = [pick_columns(row) for row in _whole_rows(path, rows, len(header))]

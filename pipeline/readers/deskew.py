@@ -18,7 +18,7 @@ SLICES = 64
 """A scan is cut into so many slices of equal time, each moved as one rigid piece: at 20 m/s and
 ten scans a second a slice is 3 cm of path."""
 NO_BREAKS = np.empty(0, np.int64)
-"""For `breaks` of poses that never start anew."""
+"""For `breaks` of poses that never start again."""
 
 
 class Step(NamedTuple):
@@ -35,7 +35,7 @@ def scan_at_stamp(
     """The deskewed points (n, 3) in metres of the scan `row` of a log, in the vehicle's frame.
 
     `odom_T_scan` (scan, 4, 4) are the poses of all scans; between two of them the vehicle is taken
-    to move steadily. At the scans `breaks` (k,) the poses start anew. Points that were measured
+    to move steadily. At the scans `breaks` (k,) the poses start again. Points that were measured
     before the stamp are moved by the step from the scan before, the others by the step to the scan
     after. Without times of the points, or without a step, the points stay as they are. Raises
     LogError if the scan cannot be read.

@@ -1,6 +1,6 @@
 """Reads a drive of the user's own robot, a folder of scan files and a pose file, as a Log.
 
-A sequence is laid out in one of two ways:
+A sequence is placed in one of two ways:
 
     ROOT/SEQUENCE/scans/1326652795.280148.pcd …    scans named by their stamps
     ROOT/SEQUENCE/poses.txt                        TUM poses of any rate
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.errors import ConfigError, LogError
-from pipeline.core.frames import Poses, Stamps, Trajectory, moved
+from pipeline.core.frames import Poses, Stamps, Trajectory, transformed
 from pipeline.core.settings import Positive, checked
 from pipeline.formats import bin_layout, kitti
 from pipeline.formats import folder as files
@@ -93,9 +93,9 @@ class Folder:
         skipped = Counter[str]()
         if not folder.is_dir():
             raise LogError(f"{folder}: no such folder of a sequence")
-        truth = None if self.poses is None else self._trajectory(folder, self.poses)
+        ground_truth = None if self.poses is None else self._trajectory(folder, self.poses)
         odometry = None if self.odometry is None else self._trajectory(folder, self.odometry)
-        pose_stamps_ns = np.empty(0, np.int64) if truth is None else truth.stamps_ns
+        pose_stamps_ns = np.empty(0, np.int64) if ground_truth is None else ground_truth.stamps_ns
 
         # the scan files that can be used, by stamp
         scan_paths = sorted(self._scan_files(folder))
@@ -108,7 +108,7 @@ class Folder:
         posed = log.rows_with_poses(
             folder,
             stamps_ns,
-            truth=truth,
+            ground_truth=ground_truth,
             odometry=odometry,
             skipped=skipped,
             question=question,
@@ -261,7 +261,7 @@ def read_scan(
     """
     points = files.points(log.read_bytes(path, 1, "bytes"), path, point_bytes)
     points = points[(np.abs(points) < FARTHEST_M).all(axis=1)]
-    return moved(vehicle_T_lidar, points)
+    return transformed(vehicle_T_lidar, points)
 
 
 def read_tum(path: Path) -> tuple[Stamps, Poses]:

@@ -43,8 +43,8 @@ NUMBERS_END = 10**9
 class KeyFrames:
     """A folder of SLAM runs, each a sequence."""
 
-    truth: Literal["rtk", "optimised_1", "optimised_2"] = "optimised_2"
-    """Which poses are the truth; the odometry is the run's own."""
+    ground_truth: Literal["rtk", "optimised_1", "optimised_2"] = "optimised_2"
+    """Which poses are the ground truth; the odometry is the run's own."""
     body_T_lidar: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     """Pose of the clouds' frame in the body's (x forward, y left, z up): x, y, z in metres and
     roll, pitch, yaw in degrees."""
@@ -71,12 +71,12 @@ class KeyFrames:
         stamps_ns = log.nanoseconds(path, rows[:, STAMP_COLUMN], "s", 10**9)
         body_T_lidar = log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
         lidar_T_body = np.linalg.inv(body_T_lidar)
-        world_T_lidar = from_quaternions(path, rows[:, POSE_COLUMNS[self.truth]])
+        world_T_lidar = from_quaternions(path, rows[:, POSE_COLUMNS[self.ground_truth]])
         odom_T_lidar = from_quaternions(path, rows[:, POSE_COLUMNS["odometry"]])
         world_T_scan = log.lifted(world_T_lidar @ lidar_T_body, self.lift_m)
         odom_T_scan = log.lifted(odom_T_lidar @ lidar_T_body, self.lift_m)
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
-        notes = vehicle.doubts("the true poses", Trajectory(stamps_ns, world_T_scan, np.inf))
+        notes = vehicle.warnings("the true poses", Trajectory(stamps_ns, world_T_scan, np.inf))
         return Log(
             stamps_ns=stamps_ns,
             world_T_scan=world_T_scan,

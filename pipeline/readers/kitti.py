@@ -71,7 +71,7 @@ class Kitti:
         if len(rows) < len(poses):
             notes += (f"{len(poses) - len(rows)} of {len(poses)} scans are not on disk",)
         if self.poses:
-            notes += vehicle.doubts("the true poses", Trajectory(stamps_ns, poses, MAX_GAP_S))
+            notes += vehicle.warnings("the true poses", Trajectory(stamps_ns, poses, MAX_GAP_S))
         if part:
             path_m = travelled_m(poses[rows, :3, 3])
             is_in_a = path_m <= self.split * path_m[-1]
@@ -173,7 +173,7 @@ def read_calibration(path: Path) -> NDArray[np.float64]:
     R = cam_T_velo[:3, :3].clip(-2, 2)  # no number that could overflow below
     if not np.allclose(R @ R.T, np.eye(3), atol=1e-3) or np.linalg.det(R) < 0:
         raise LogError(
-            f"{path}: the first three columns of 'Tr:' are no rotation; fetch the file anew"
+            f"{path}: the first three columns of 'Tr:' are no rotation; fetch the file again"
         )
     return cam_T_velo
 

@@ -148,36 +148,37 @@ class PosedRows(NamedTuple):
 def rows_with_poses(
     where: Path,
     stamps_ns: Stamps,
-    truth: Trajectory | None,
+    ground_truth: Trajectory | None,
     odometry: Trajectory | None,
     skipped: Counter[str],
     question: str,
     scans: str = "scans",
-    truth_name: str = "the true poses",
+    ground_truth_name: str = "the true poses",
     odometry_name: str = "the odometry",
     keeps_unplaced: bool = False,
 ) -> PosedRows:
     """Join scans, stamped `stamps_ns` (n,), with the true poses and the odometry of their log.
 
     Scans without a true pose are left out and counted in `skipped`, but with `keeps_unplaced` not
-    those with odometry; if `truth` is None, all scans are used. Raises LogError if no scan can be
-    used; the error names `where` and the `scans`, and asks `question` (see `refuse_unposed`).
+    those with odometry; if `ground_truth` is None, all scans are used. Raises LogError if no scan
+    can be used; the error names `where` and the `scans`, and asks `question` (see
+    `refuse_unposed`).
     """
     world_T_scan = np.full((len(stamps_ns), 4, 4), np.nan)
-    has_truth = np.ones(len(stamps_ns), bool)
+    has_ground_truth = np.ones(len(stamps_ns), bool)
     odom_T_scan = world_T_scan.copy()
-    has_odometry = ~has_truth
+    has_odometry = ~has_ground_truth
     notes: tuple[str, ...] = ()
-    if truth is not None:
-        world_T_scan, has_truth = truth.at(stamps_ns)
-        notes += vehicle.doubts(truth_name, truth)
+    if ground_truth is not None:
+        world_T_scan, has_ground_truth = ground_truth.at(stamps_ns)
+        notes += vehicle.warnings(ground_truth_name, ground_truth)
     if odometry is not None:
         odometry, break_notes = vehicle.split_at_jumps(odometry_name, odometry)
         odom_T_scan, has_odometry = odometry.at(stamps_ns)
         notes += break_notes
-    is_used = has_truth | (has_odometry & keeps_unplaced)
-    if truth is not None:
-        count_unknown(stamps_ns[~is_used], truth, skipped)
+    is_used = has_ground_truth | (has_odometry & keeps_unplaced)
+    if ground_truth is not None:
+        count_unknown(stamps_ns[~is_used], ground_truth, skipped)
     if odometry is not None:
         # After a break of the odometry, scans are left out until one has a true pose: only that
         # says where they are. That one has NaN as odometry, which marks the break.
@@ -185,24 +186,27 @@ def rows_with_poses(
         break_counts = np.searchsorted(breaks_ns - ROUNDED_NS, stamps_ns, side="right")
         for break_count in np.unique(break_counts[is_used])[1:]:  # the first chain follows no other
             rows = np.flatnonzero(is_used & (break_counts == break_count))
-            unplaced_count = int(has_truth[rows].argmax()) if has_truth[rows].any() else len(rows)
+            unplaced_count = (
+                int(has_ground_truth[rows].argmax()) if has_ground_truth[rows].any() else len(rows)
+            )
             is_used[rows[:unplaced_count]] = False
             odom_T_scan[rows[unplaced_count : unplaced_count + 1]] = np.nan
             skipped["between a break of the odometry and the next place"] += unplaced_count
     rows = np.flatnonzero(is_used)
-    if truth is not None and not len(rows):
-        refuse_unposed(where, scans, stamps_ns, truth, skipped=skipped, question=question)
-    placeless_count = int((~has_truth[rows]).sum())
+    if ground_truth is not None and not len(rows):
+        refuse_unposed(where, scans, stamps_ns, ground_truth, skipped=skipped, question=question)
+    placeless_count = int((~has_ground_truth[rows]).sum())
     if placeless_count:
         notes += (
-            f"{placeless_count:,} of {len(rows):,} sweeps have no place (no pose on {truth_name})",
+            f"{placeless_count:,} of {len(rows):,} sweeps have no place (no pose on "
+            f"{ground_truth_name})",
         )
     return PosedRows(rows, world_T_scan[rows], odom_T_scan[rows], notes)
 
 
-def count_unknown(stamps_ns: Stamps, truth: Trajectory, skipped: Counter[str]) -> None:
-    """Count in `skipped` why `truth` has no pose at `stamps_ns` (n,)."""
-    is_outside = (stamps_ns < truth.stamps_ns[0]) | (stamps_ns > truth.stamps_ns[-1])
+def count_unknown(stamps_ns: Stamps, ground_truth: Trajectory, skipped: Counter[str]) -> None:
+    """Count in `skipped` why `ground_truth` has no pose at `stamps_ns` (n,)."""
+    is_outside = (stamps_ns < ground_truth.stamps_ns[0]) | (stamps_ns > ground_truth.stamps_ns[-1])
     skipped["outside the poses' span"] += int(is_outside.sum())
     skipped["in a gap of the poses"] += int((~is_outside).sum())
 
@@ -211,7 +215,7 @@ def refuse_unposed(
     where: Path,
     scans: str,
     stamps_ns: Stamps,
-    truth: Trajectory,
+    ground_truth: Trajectory,
     skipped: Counter[str],
     question: str,
 ) -> None:
@@ -222,16 +226,20 @@ def refuse_unposed(
     clock, the unit or the file.
     """
     reasons = ", ".join(f"{count:,} {reason}" for reason, count in (+skipped).most_common())
-    step_s = float(np.median(np.diff(truth.stamps_ns))) / 1e9 if len(truth.stamps_ns) > 1 else 0.0
+    step_s = (
+        float(np.median(np.diff(ground_truth.stamps_ns))) / 1e9
+        if len(ground_truth.stamps_ns) > 1
+        else 0.0
+    )
     hint = ""
-    if stamps_ns[-1] < truth.stamps_ns[0] or truth.stamps_ns[-1] < stamps_ns[0]:
+    if stamps_ns[-1] < ground_truth.stamps_ns[0] or ground_truth.stamps_ns[-1] < stamps_ns[0]:
         hint = f"; {question}"
-    elif step_s > truth.max_gap_s:
+    elif step_s > ground_truth.max_gap_s:
         hint = (
             f"; poses are usually {step_s:.3g} s apart, more than "
-            f"reader.max_gap_s={truth.max_gap_s:g}"
+            f"reader.max_gap_s={ground_truth.max_gap_s:g}"
         )
-    spans = f"they span {_span(stamps_ns)}, the poses {_span(truth.stamps_ns)}"
+    spans = f"they span {_span(stamps_ns)}, the poses {_span(ground_truth.stamps_ns)}"
     raise LogError(
         f"{where}: none of its {len(stamps_ns)} {scans} has a pose: {reasons}; {spans}{hint}"
     )

@@ -1,6 +1,6 @@
 """Finds where a lidar sits on its vehicle, by the transforms of bags.
 
-Transforms in, a pose out. Readers, `yearloc slam`, `localize`, `watch`, `grow`, `--follow` and
+Transforms in, a pose out. Readers, `yearloc slam`, `localize`, `watch`, `update`, `--follow` and
 `inspect` all decide it here, and each says in its own words what to do where it is unknown.
 """
 

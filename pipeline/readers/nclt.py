@@ -49,9 +49,9 @@ class Nclt:
     def open(self, root: Path, sequence: str) -> Log:
         """Open a sequence below `root`; raises LogError if it cannot be read."""
         folder = root / sequence / nclt.SCANS
-        truth_path = log.first_file(root, nclt.TRUTH_PLACES, sequence)
-        if truth_path is None and self.poses:
-            expected_path = root / nclt.TRUTH_PLACES[0].format(sequence=sequence)
+        ground_truth_path = log.first_file(root, nclt.GROUND_TRUTH_PLACES, sequence)
+        if ground_truth_path is None and self.poses:
+            expected_path = root / nclt.GROUND_TRUTH_PLACES[0].format(sequence=sequence)
             raise LogError(
                 f"{expected_path}: no ground truth there or in its other places; `yearloc fetch "
                 "nclt DATE` brings it"
@@ -60,14 +60,21 @@ class Nclt:
         utimes = nclt_utimes(folder, skipped)
         odometry_path = log.first_file(root, nclt.ODOMETRY_PLACES, sequence)
         odometry = None if odometry_path is None else read_poses(odometry_path, self.max_gap_s)
-        truth = read_poses(truth_path, self.max_gap_s) if self.poses and truth_path else None
+        ground_truth = (
+            read_poses(ground_truth_path, self.max_gap_s)
+            if self.poses and ground_truth_path
+            else None
+        )
         posed = log.rows_with_poses(
             folder,
             utimes * 1000,
-            truth=truth,
+            ground_truth=ground_truth,
             odometry=odometry,
             skipped=skipped,
-            question=f"is {truth_path.name if truth_path else 'the truth'} of this date?",
+            question=(
+                f"is {ground_truth_path.name if ground_truth_path else 'the ground_truth'} of "
+                "this date?"
+            ),
         )
         utimes = utimes[posed.rows]
         stamps_ns = utimes * 1000
@@ -100,7 +107,7 @@ class Nclt:
         names = sorted(path.parent.name for path in root.glob(f"*/{nclt.SCANS}") if path.is_dir())
         missing: dict[str, list[str]] = {name: [] for name in names}
         for name in names if self.poses else ():
-            if log.first_file(root, nclt.TRUTH_PLACES, name) is None:
+            if log.first_file(root, nclt.GROUND_TRUTH_PLACES, name) is None:
                 missing[name].append(f"groundtruth_{name}.csv")
         return missing
 
@@ -197,14 +204,14 @@ def read_packets(path: Path) -> Packets:
     """
     nbytes = path.stat().st_size
     if not nbytes:
-        raise LogError(f"{path}: empty; expected Velodyne packets: fetch the file anew")
+        raise LogError(f"{path}: empty; expected Velodyne packets: fetch the file again")
     whole_words_bytes = nbytes // 2 * 2  # without an odd last byte
     words = np.memmap(path, np.uint8, "r")[:whole_words_bytes].view("<u2")
     starts, offsets, end = _find_packets(words)
     if 2 * end != nbytes:
         raise LogError(
             f"{path}: no whole packet at byte {2 * end}; the file is damaged or cut short: fetch "
-            "it anew"
+            "it again"
         )
     utime_words = UTIME_WORD + np.arange(UTIME_WORDS)
     utimes = words[starts[:, None] + utime_words].view("<u8")[:, 0]

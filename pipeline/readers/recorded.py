@@ -16,7 +16,7 @@ from pipeline.core.frames import days_between
 from pipeline.core.progress import Progress
 from pipeline.formats.changes import Change, read_changes, visible
 from pipeline.readers.log import Reader
-from pipeline.readers.parts import open_part
+from pipeline.readers.splits import open_split
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Recorded:
         log changes. Raises LogError for a log that cannot be opened; scans that cannot be read are
         only counted.
         """
-        log = open_part(self.reader, Path(self.root), sequence)
+        log = open_split(self.reader, Path(self.root), sequence)
         skipped = Counter(log.skipped)
         rows = ["stamp_ns,points,digest\n"]
         stamps = watch.track(log.stamps_ns.tolist(), len(log.stamps_ns), "check")
@@ -67,6 +67,6 @@ class Recorded:
         if self.events is None:
             return []
         root = Path(self.root)
-        train_ns = open_part(self.reader, root, train).stamps_ns[0]
-        sequence_ns = open_part(self.reader, root, sequence).stamps_ns[0]
+        train_ns = open_split(self.reader, root, train).stamps_ns[0]
+        sequence_ns = open_split(self.reader, root, sequence).stamps_ns[0]
         return visible(read_changes(Path(self.events)), days_between(train_ns, sequence_ns))

@@ -74,19 +74,19 @@ class RobotCar:
             laser: NED_FLIP @ read_extrinsics(extrinsics, laser) for laser in self.lasers
         }
         vehicle_T_ins = read_extrinsics(extrinsics, "ins")
-        truth = read_ins(folder / robotcar.INS, vehicle_T_ins, self.max_ins_gap_s)
-        notes += vehicle.doubts("the true poses", truth)
+        ground_truth = read_ins(folder / robotcar.INS, vehicle_T_ins, self.max_ins_gap_s)
+        notes += vehicle.warnings("the true poses", ground_truth)
         odometry = read_vo(folder / robotcar.VO, self.max_vo_gap_s)
-        world_T_scan, has_truth = truth.at(all_utimes * 1000)
-        odom_T_scan = odometry.at(all_utimes * 1000, has_truth)
+        world_T_scan, has_ground_truth = ground_truth.at(all_utimes * 1000)
+        odom_T_scan = odometry.at(all_utimes * 1000, has_ground_truth)
 
         # sweeps that have a pose
-        is_posed = has_truth | np.isfinite(odom_T_scan).all(axis=(1, 2))
+        is_posed = has_ground_truth | np.isfinite(odom_T_scan).all(axis=(1, 2))
         skipped["neither odometry nor a true pose"] = int((~is_posed).sum())
         utimes = all_utimes[is_posed]
-        unplaced_count = int((~has_truth[is_posed]).sum())
+        unplaced_count = int((~has_ground_truth[is_posed]).sum())
         if unplaced_count:
-            begins_outage = ~has_truth & np.append(True, has_truth[:-1])
+            begins_outage = ~has_ground_truth & np.append(True, has_ground_truth[:-1])
             notes.append(
                 f"{unplaced_count:,} of {len(utimes):,} sweeps have no place (INS outages: "
                 f"{int(begins_outage.sum())})"

@@ -1,8 +1,8 @@
 """Reads the poses of Oxford RobotCar from its csv files (METHODS 7.2).
 
-There are three kinds: visual odometry (vo.csv), inertial navigation (ins.csv), which is the truth,
-and the poses of the sensors in the vehicle (extrinsics). The frames in the files are z-down; the
-trajectories are of the z-up vehicle, whose origin is the stereo camera.
+There are three kinds: visual odometry (vo.csv), inertial navigation (ins.csv), which is the ground
+truth, and the poses of the sensors in the vehicle (extrinsics). The frames in the files are z-down;
+the trajectories are of the z-up vehicle, whose origin is the stereo camera.
 """
 
 from dataclasses import dataclass
@@ -25,25 +25,25 @@ LARGEST_NUMBER = 1e9
 class Odometry:
     """Visual odometry: motions between images, chained into poses.
 
-    The chain begins at the identity and starts anew after each break.
+    The chain begins at the identity and starts again after each break.
     """
 
     trajectory: Trajectory
     breaks_ns: Stamps
     """(break,) the stamp of the last pose before each break."""
 
-    def at(self, stamps_ns: Stamps, has_truth: NDArray[np.bool_]) -> Poses:
+    def at(self, stamps_ns: Stamps, has_ground_truth: NDArray[np.bool_]) -> Poses:
         """Poses (m, 4, 4) at increasing `stamps_ns` (m,), NaN where unknown.
 
-        `has_truth` (m,) is True for rows with a true pose. After a break all rows are NaN up to and
-        including the first of these: the log drops rows that have neither pose, but keeps this one,
-        whose NaN marks the break.
+        `has_ground_truth` (m,) is True for rows with a true pose. After a break all rows are NaN up
+        to and including the first of these: the log drops rows that have neither pose, but keeps
+        this one, whose NaN marks the break.
         """
         poses, _ = self.trajectory.at(stamps_ns)
         # the end counts too, for a break after which no row has a true pose
-        rows_with_truth = np.append(np.flatnonzero(has_truth), len(has_truth))
+        rows_with_ground_truth = np.append(np.flatnonzero(has_ground_truth), len(has_ground_truth))
         for first_row in np.searchsorted(stamps_ns, self.breaks_ns, side="right"):
-            last_row = rows_with_truth[np.searchsorted(rows_with_truth, first_row)]
+            last_row = rows_with_ground_truth[np.searchsorted(rows_with_ground_truth, first_row)]
             poses[first_row : last_row + 1] = np.nan
         return poses
 

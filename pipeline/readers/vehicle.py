@@ -1,6 +1,6 @@
 """Checks that the poses of a log are those of a vehicle, and cuts odometry where it jumps.
 
-A vehicle is upright, drives forward or backward, and does not jump. `doubts` describes, in lines
+A vehicle is upright, drives forward or backward, and does not jump. `warnings` describes, in lines
 for the user, what speaks against that in a trajectory: mostly wrong axes, units or clocks.
 `split_at_jumps` makes a gap in an odometry at each jump, since it was set back there.
 """
@@ -52,16 +52,16 @@ GAIN_DEG_S = 360.0
 in length and by JUMP_DEG + GAIN_DEG_S dt in turn; beyond that it is a jump."""
 
 
-def doubts(name: str, truth: Trajectory) -> tuple[str, ...]:
+def warnings(name: str, ground_truth: Trajectory) -> tuple[str, ...]:
     """Lines on what no vehicle does in a trajectory; empty if all is well.
 
     The world is z-up, the body x forward, y left, z up. The lines call the trajectory `name`.
     """
-    is_finite = np.isfinite(truth.world_T_body).all(axis=(1, 2))
-    poses = truth.world_T_body[is_finite]
+    is_finite = np.isfinite(ground_truth.world_T_body).all(axis=(1, 2))
+    poses = ground_truth.world_T_body[is_finite]
     if not len(poses):
         return ()
-    speed_m_s = _median_speed_m_s(truth)
+    speed_m_s = _median_speed_m_s(ground_truth)
     if speed_m_s > FASTEST_M_S:
         return (
             f"{name}: the body drives at {speed_m_s:,.0f} m/s most of the way: are its positions "
@@ -75,11 +75,11 @@ def doubts(name: str, truth: Trajectory) -> tuple[str, ...]:
             "vehicle stands upright: is the quaternion written w first (write x y z w), or are its "
             "axes a camera's (poses_frame: camera)?"
         )
-    lines += _direction_doubts(name, poses)
-    rows = jumps(truth)
+    lines += _direction_warnings(name, poses)
+    rows = jumps(ground_truth)
     if len(rows):
         why = "are two drives in one file, was odometry set back, or a map corrected?"
-        lines.append(f"{name}: {_jumps_text(truth, rows)}: no vehicle drives so; {why}")
+        lines.append(f"{name}: {_jumps_text(ground_truth, rows)}: no vehicle drives so; {why}")
     return tuple(lines)
 
 
@@ -94,7 +94,7 @@ def split_at_jumps(name: str, odometry: Trajectory) -> tuple[Trajectory, tuple[s
     # no gap fits between two poses that are only 1 ns apart
     fits = np.diff(stamps_ns, append=stamps_ns[-1] + 1) > 0
     with_gaps = replace(odometry, stamps_ns=stamps_ns[fits], world_T_body=world_T_body[fits])
-    return with_gaps, (f"{name}: {_jumps_text(odometry, rows)}: the odometry starts anew there",)
+    return with_gaps, (f"{name}: {_jumps_text(odometry, rows)}: the odometry starts again there",)
 
 
 def jumps(trajectory: Trajectory) -> NDArray[np.int64]:
@@ -130,7 +130,7 @@ def breaks_ns(odometry: Trajectory) -> Stamps:
     return np.asarray(odometry.stamps_ns[finite_rows[1:][is_break]])
 
 
-def _direction_doubts(name: str, poses: Poses) -> list[str]:
+def _direction_warnings(name: str, poses: Poses) -> list[str]:
     """One line if the body of the poses (n, 4, 4) does not drive along its x axis, else none."""
     step_m, body_step_m = _path_steps(poses)
     if len(step_m) < MIN_STEPS:
@@ -165,14 +165,14 @@ def _direction_doubts(name: str, poses: Poses) -> list[str]:
     return []
 
 
-def _median_speed_m_s(truth: Trajectory) -> float:
+def _median_speed_m_s(ground_truth: Trajectory) -> float:
     """The median speed over the steps in which the body moves; 0 if it never does."""
-    finite_rows = np.flatnonzero(np.isfinite(truth.world_T_body).all(axis=(1, 2)))
-    step_m = step_lengths_m(truth.world_T_body[finite_rows, :3, 3])
+    finite_rows = np.flatnonzero(np.isfinite(ground_truth.world_T_body).all(axis=(1, 2)))
+    step_m = step_lengths_m(ground_truth.world_T_body[finite_rows, :3, 3])
     is_moving = step_m > 0
     if not is_moving.any():
         return 0.0
-    step_ns = np.diff(truth.stamps_ns[finite_rows])
+    step_ns = np.diff(ground_truth.stamps_ns[finite_rows])
     speeds_m_s = step_m[is_moving] / step_ns[is_moving] * 1e9
     return float(np.median(speeds_m_s))
 

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from pipeline.evaluation.doubts import VOID
+from pipeline.evaluation.caveats import DEGENERATE
 from pipeline.evaluation.numbers import average
 from pipeline.evaluation.rows import pick
 from pipeline.report.result import Scores, day, grouped, ranked, read_scores
@@ -178,7 +178,9 @@ def _columns_that_fit(heads: Sequence[str], rows: Sequence[Sequence[str]], width
 def _cells(group: Sequence[Scores]) -> list[str]:
     """Texts of one model: recall on the first and last day, what is accepted, a query's time."""
     right = [
-        VOID if score.void("distance") else fixed(score.number("distance", "recall_at_1"), 3)
+        DEGENERATE
+        if score.degenerate("distance")
+        else fixed(score.number("distance", "recall_at_1"), 3)
         for score in (group[0], *group[1:][-1:])
     ]
     accepted, accepted_wrong, refused_wrong = (

@@ -1,4 +1,4 @@
-"""Compares models on altered queries and on sequences of stress.
+"""Compares models on perturbed queries and on sequences of stress.
 
 In: rows of the table of results. Out: a `Comparison`, which gives the `Measurement` of any model,
 kind of query and number over sequences, seeds and repeats, orders models by it, and says by how
@@ -29,7 +29,7 @@ REPETITION = ["seed", "sequence", "repeat"]
 class Kind:
     """What was done to the queries; its repeats are taken together."""
 
-    change: str = ""  # an alteration, such as `turned`; empty for queries as driven
+    change: str = ""  # a perturbation, such as `turned`; empty for unperturbed queries
     level: float = 0.0  # degrees removed, or the number of new walls
     shadow: bool = False  # whether new walls hide what is behind them
 
@@ -48,7 +48,7 @@ class Kind:
         if self.change == "construction":
             walls = "1 new wall" if self.level == 1 else f"{self.level:g} new walls"
             return f"{walls} and shadow" if self.shadow else walls
-        return self.change or "as driven"
+        return self.change or "unperturbed"
 
     @property
     def clause(self) -> str:
@@ -59,28 +59,37 @@ class Kind:
 
 @dataclass(frozen=True)
 class Measure:
-    """A number of the table of results, or the share of it that is left on altered queries."""
+    """A number of the table of results, or the share of it that is left on perturbed queries."""
 
     protocol: str
     name: str
     title: str
     digits: int = 3
-    # whether it is the share of what the same model and seed has on the sequence as driven
+    # whether it is the share of what the same model and seed has on the unperturbed sequence
     relative: bool = False
 
 
 AUC = Measure("cells", "auc_top1", "AUC top-1 by cells")
 AUC_5 = Measure("cells", "auc_top5", "AUC top-5 by cells")
 AUC_25 = Measure("cells", "auc_top25", "AUC top-25 by cells")
-KEPT = replace(AUC, title="AUC kept, by cells", relative=True)
+AUC_SHARE = replace(AUC, title="AUC kept, by cells", relative=True)
 RECALL = Measure("cells", "recall_at_1", "recall@1 by cells")
 AUROC = Measure("cells", "auroc", "AUROC by cells")
-FAR_AUC = Measure("distance", "auc_top1", "AUC top-1 by distance")
-FAR = Measure("distance", "recall_at_1", "recall@1 by distance")
-FAR_AUROC = Measure("distance", "auroc", "AUROC by distance")
-OFF = Measure("distance", "median_heading_error_deg", "heading error [°]", 1)
+AUC_BY_DISTANCE = Measure("distance", "auc_top1", "AUC top-1 by distance")
+RECALL_BY_DISTANCE = Measure("distance", "recall_at_1", "recall@1 by distance")
+AUROC_BY_DISTANCE = Measure("distance", "auroc", "AUROC by distance")
+HEADING_ERROR = Measure("distance", "median_heading_error_deg", "heading error [°]", 1)
 WITHIN = Measure("distance", "heading_within_10deg", "within 10°")
-MEASURES = (AUC, RECALL, AUROC, FAR_AUC, FAR, FAR_AUROC, OFF, WITHIN)
+MEASURES = (
+    AUC,
+    RECALL,
+    AUROC,
+    AUC_BY_DISTANCE,
+    RECALL_BY_DISTANCE,
+    AUROC_BY_DISTANCE,
+    HEADING_ERROR,
+    WITHIN,
+)
 
 
 class Measurement:
@@ -138,7 +147,7 @@ class Comparison:
         kind_columns = rows[["ask", "of", "at"]].itertuples(index=False)
         rows = rows.assign(case=[Kind.of_row(*columns) for columns in kind_columns])
         self.models = [*rows["model"].unique()]  # methods and variants, in the order they come
-        # as driven comes first
+        # unperturbed comes first
         self.kinds = sorted(rows["case"].unique(), key=lambda kind: kind.change != "")
         self.changes = [kind for kind in self.kinds if kind.change]
         self.sequences = [*rows.sort_values(["days", "sequence"])["sequence"].unique()]
@@ -170,8 +179,8 @@ class Comparison:
         if not measure.relative:
             return Measurement(values)
         absolute = replace(measure, relative=False)
-        as_driven = self.measurement(model, Kind(), absolute).values[:, :, :1]
-        return Measurement(values / np.where(as_driven > 0, as_driven, np.nan))
+        unperturbed = self.measurement(model, Kind(), absolute).values[:, :, :1]
+        return Measurement(values / np.where(unperturbed > 0, unperturbed, np.nan))
 
     def ordered(self, kind: Kind, measure: Measure) -> list[str]:
         """The models, the largest mean first, those without a number last."""

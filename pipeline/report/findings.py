@@ -1,6 +1,6 @@
 """What the numbers of a study show, as data: who is compared, by how much, and whether it is clear.
 
-In: a study, rows of its table of results, or a comparison of models on altered queries. Out:
+In: a study, rows of its table of results, or a comparison of models on perturbed queries. Out:
 `Finding`s, which templates/words.yaml turns into sentences. Every value is a row of the table of
 results, or a mean of such rows over the test sequences.
 """
@@ -14,15 +14,24 @@ import numpy as np
 import pandas as pd
 
 from pipeline.evaluation.bootstrap import Estimate
-from pipeline.evaluation.doubts import BLIND, DOUBTS, VOID
+from pipeline.evaluation.caveats import BLIND, CAVEATS, DEGENERATE
 from pipeline.evaluation.numbers import MEASURES, average
 from pipeline.evaluation.paired import COMPARED, LEVEL
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.rows import NEAR_CHANGE, indexed, pick
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, PERCENTILE, SHOWN, TO_COME
-from pipeline.report.comparison import AUC, FAR, KEPT, OFF, RECALL, Comparison, Kind, Measure
+from pipeline.report.comparison import (
+    AUC,
+    AUC_SHARE,
+    HEADING_ERROR,
+    RECALL,
+    RECALL_BY_DISTANCE,
+    Comparison,
+    Kind,
+    Measure,
+)
 from pipeline.report.result import TITLES, Result, by_model, day, is_posed, mean
-from pipeline.report.study import Study, against
+from pipeline.report.study import StudyResults, against
 
 SLIGHT = 0.0005  # a smaller loss would be printed as 0
 BOTH = "both protocols"
@@ -44,15 +53,15 @@ class Finding:
         vars(self).update(kind=kind, values=values)
 
 
-def answer(study: Study) -> Finding:
+def answer(study: StudyResults) -> Finding:
     """The study in a paragraph: how often the best model is right, how it ages, how others fare.
 
     A model with poses is compared with others that have poses, if there are any.
     """
     groups = by_model(study.results)
     best, *all_others = (_summary(model, groups[model]) for model in study.ranked)
-    alike = [other for other in all_others if other["posed"] == best["posed"]]
-    others = alike or all_others
+    similar = [other for other in all_others if other["posed"] == best["posed"]]
+    others = similar or all_others
     record = study.models[study.ranked[0]]
     was_cut = record.rounds and "budget" in record.recipe
     return Finding(
@@ -80,12 +89,12 @@ def _summary(model: str, group: Sequence[Result]) -> dict[str, Any]:
             measure: mean(group, "distance", f"{measure}_at_threshold")
             for measure in ("precision", "recall")
         },
-        "wanted": group[0].wanted_precision,
+        "wanted": group[0].target_precision,
         "kept": group[0].kept,
     }
 
 
-def doubts(study: Study) -> list[Finding]:
+def caveats(study: StudyResults) -> list[Finding]:
     """Why a model's numbers say little or nothing, and on which test sequences.
 
     There is one finding per model, or two where the protocols differ. `blind` is the recall that
@@ -93,21 +102,21 @@ def doubts(study: Study) -> list[Finding]:
     """
     findings = []
     for model, group in by_model(study.results).items():
-        doubts_by = {protocol: _doubts(group, protocol) for protocol in PROTOCOLS}
-        if doubts_by["cells"] == doubts_by["distance"]:
-            doubts_by = {BOTH: doubts_by["cells"]}
-        for protocol, listed in doubts_by.items():
+        caveats_by = {protocol: _caveats(group, protocol) for protocol in PROTOCOLS}
+        if caveats_by["cells"] == caveats_by["distance"]:
+            caveats_by = {BOTH: caveats_by["cells"]}
+        for protocol, listed in caveats_by.items():
             if not listed:
                 continue
             judged_by = PROTOCOLS if protocol == BOTH else (protocol,)
             blind = max(result.number(by, BLIND) for result in group for by in judged_by)
             findings.append(
                 Finding(
-                    "doubts",
+                    "caveats",
                     model=model,
                     protocol=protocol,
                     listed=listed,
-                    wanted=group[0].wanted_precision,
+                    wanted=group[0].target_precision,
                     tests=len(group),
                     blind=blind,
                 )
@@ -115,13 +124,13 @@ def doubts(study: Study) -> list[Finding]:
     return findings
 
 
-def _doubts(group: Sequence[Result], protocol: str) -> list[dict[str, Any]]:
-    """Each doubt about a model by one protocol: its sequences, and its largest value there.
+def _caveats(group: Sequence[Result], protocol: str) -> list[dict[str, Any]]:
+    """Each caveat about a model by one protocol: its sequences, and its largest value there.
 
-    See `pipeline.evaluation.doubts` for their names.
+    See `pipeline.evaluation.caveats` for their names.
     """
     listed = []
-    for name in (VOID, *DOUBTS):
+    for name in (DEGENERATE, *CAVEATS):
         doubted = [result for result in group if (protocol, name) in result.numbers]
         if doubted:
             largest = max((result.number(protocol, name) for result in doubted), key=abs)
@@ -164,7 +173,7 @@ def paired(rows: pd.DataFrame, protocol: str) -> list[Finding]:
     return findings
 
 
-def novelties(study: Study, protocol: str) -> list[Finding]:
+def novelties(study: StudyResults, protocol: str) -> list[Finding]:
     """One finding per model: which kind of novelty rejects best, and which kept its precision best.
 
     The kind in use is the first one. By how much it is behind is counted over the sequences.
@@ -204,17 +213,17 @@ def novelties(study: Study, protocol: str) -> list[Finding]:
 
 
 def _kept_best(group: Sequence[Result]) -> dict[str, Any]:
-    """The kind of novelty whose threshold came nearest to the wanted precision, by cells.
+    """The kind of novelty whose threshold came nearest to the target precision, by cells.
 
-    Kinds are left out whose threshold was chosen for less, since the wanted precision could not be
-    kept on held-out blocks. Empty if no kind remains.
+    Kinds are left out whose threshold was chosen for less, since the target precision could not be
+    kept on validation blocks. Empty if no kind remains.
     """
-    wanted = group[0].wanted_precision
+    wanted = group[0].target_precision
     # (sequence, kind) each
     rejection = np.stack([result.evaluation.cells.rejection for result in group])
     precision = rejection[:, :, MEASURES.index("precision_at_threshold"), 0]
     recall = rejection[:, :, MEASURES.index("recall_at_threshold"), 0]
-    fell_short = np.array(group[0].evaluation.kept_precision) < wanted
+    fell_short = np.array(group[0].evaluation.validation_precision) < wanted
     is_chosen = np.isfinite(precision).all(axis=0) & ~fell_short
     if not is_chosen.any():
         return {}
@@ -232,7 +241,7 @@ def _kept_best(group: Sequence[Result]) -> dict[str, Any]:
 def ageing(rows: pd.DataFrame, title: str, protocol: str, number: str, last_day: float) -> Finding:
     """Which models clearly lose of one number with the days, and when to train them again.
 
-    Of the other models it names the one that may lose most. `rows` are of queries as driven.
+    Of the other models it names the one that may lose most. `rows` are of unperturbed queries.
     """
     slopes = _lines(rows, protocol, f"{number}_per_{PER_DAYS}_days")
     retrain_after = _lines(rows, protocol, f"{number}_retrain_after_days")
@@ -266,7 +275,7 @@ def newer(rows: pd.DataFrame) -> Finding:
     return Finding("newer", known=len(slopes), sure=clear, all=all_clear, per=PER_DAYS)
 
 
-def confounders(study: Study) -> Finding:
+def confounders(study: StudyResults) -> Finding:
     """What changes with the sequences besides their age.
 
     That is the share of unseen queries, and the share of seen ones that drive another way than
@@ -395,7 +404,7 @@ def best_at_each_size(
     return Finding("best_at_each_size", title=title, listed=best_models)
 
 
-def scope(study: Study, sequences: int, seeds: int, repeats: int = 1) -> Finding:
+def scope(study: StudyResults, sequences: int, seeds: int, repeats: int = 1) -> Finding:
     """What data a section is of: where, which cells, and how many sequences, seeds and repeats."""
     return Finding(
         "scope",
@@ -430,7 +439,7 @@ def kept(comparison: Comparison, kind: Kind) -> Finding:
     """Which models keep their AUC, and which lose most of it."""
     ranked = [
         {"model": entry["model"], "share": entry["mean"], **_aucs(comparison, entry["model"], kind)}
-        for entry in _means(comparison, kind, KEPT)
+        for entry in _means(comparison, kind, AUC_SHARE)
     ]
     whole = [entry for entry in ranked if entry["share"] >= WHOLE]
     return Finding("kept", kind=kind, whole=whole, ranked=ranked, limit=WHOLE)
@@ -438,7 +447,7 @@ def kept(comparison: Comparison, kind: Kind) -> Finding:
 
 def nearly_always(comparison: Comparison, kind: Kind) -> Finding:
     """Which models are right, by distance, at nearly all queries."""
-    entries = _means(comparison, kind, FAR, is_ranked=False)
+    entries = _means(comparison, kind, RECALL_BY_DISTANCE, is_ranked=False)
     right = [entry["model"] for entry in entries if entry["mean"] >= WHOLE]
     models = len(comparison.models)
     return Finding("nearly_always", kind=kind, right=right, models=models, limit=WHOLE)
@@ -446,7 +455,7 @@ def nearly_always(comparison: Comparison, kind: Kind) -> Finding:
 
 def heading_errors(comparison: Comparison, kind: Kind) -> Finding:
     """How large the heading errors are, for the models that give headings."""
-    listed = _means(comparison, kind, OFF, is_ranked=False)
+    listed = _means(comparison, kind, HEADING_ERROR, is_ranked=False)
     return Finding("heading_errors", kind=kind, listed=listed)
 
 
@@ -464,16 +473,14 @@ def chance(comparison: Comparison, kind: Kind) -> Finding:
 
 def shadows(comparison: Comparison) -> list[Finding]:
     """What it changes to hide the space behind the most walls; empty without such queries."""
-    without_shadow = {
-        replace(kind, shadow=False): kind for kind in comparison.changes if kind.shadow
-    }
-    both = [kind for kind in without_shadow if kind in comparison.kinds]
+    shadowless = {replace(kind, shadow=False): kind for kind in comparison.changes if kind.shadow}
+    both = [kind for kind in shadowless if kind in comparison.kinds]
     if not both:
         return []
     most_walls = max(both, key=attrgetter("level"))
     bare, shadowed = (
         np.array([comparison.measurement(model, kind, AUC).mean for model in comparison.models])
-        for kind in (most_walls, without_shadow[most_walls])
+        for kind in (most_walls, shadowless[most_walls])
     )
     lower = int((shadowed < bare).sum())
     mean = average(shadowed - bare)
@@ -484,13 +491,13 @@ def n_ways(comparison: Comparison, kind: Kind) -> Finding:
     """Whether training at four headings suffices, as the SCI paper finds.
 
     It suffices if the model keeps its AUC on turned queries and training at more headings is not
-    clearly better. It `keeps` the performance on queries as driven if training at fewer headings
+    clearly better. It `keeps` the performance on unperturbed queries if training at fewer headings
     is not clearly better there.
     """
     ways = comparison.ways()
     listed = [{"n": n, **_aucs(comparison, model, kind)} for n, model in ways.items()]
     four = ways.get(PAPERS_WAYS, "")
-    share = comparison.measurement(four, kind, KEPT).mean if four and len(ways) > 1 else np.nan
+    share = comparison.measurement(four, kind, AUC_SHARE).mean if four and len(ways) > 1 else np.nan
     if np.isnan(share):
         return Finding("n_ways", kind=kind, listed=listed, n=PAPERS_WAYS, tested=False)
     more = [
@@ -521,7 +528,7 @@ def n_ways(comparison: Comparison, kind: Kind) -> Finding:
 
 
 def best_on_each(comparison: Comparison, titles: Mapping[str, str]) -> Finding:
-    """The best two models on each sequence as driven."""
+    """The best two models on each unperturbed sequence."""
     best_models = [
         {"name": titles[sequence], "models": _means(comparison, Kind(), RECALL, sequence=i)[:2]}
         for i, sequence in enumerate(comparison.sequences)
@@ -553,8 +560,8 @@ def _means(
 
 
 def _aucs(comparison: Comparison, model: str, kind: Kind) -> dict[str, float]:
-    """A model's AUC as driven and altered."""
+    """A model's AUC unperturbed and perturbed."""
     return {
         "driven": comparison.measurement(model, Kind(), AUC).mean,
-        "altered": comparison.measurement(model, kind, AUC).mean,
+        "perturbed": comparison.measurement(model, kind, AUC).mean,
     }

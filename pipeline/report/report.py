@@ -21,7 +21,7 @@ from pipeline.report.result import grouped
 from pipeline.report.section import Section
 from pipeline.report.sections import cases, lifelong, viewpoints, year
 from pipeline.report.strategies import read_strategies
-from pipeline.report.study import Study
+from pipeline.report.study import StudyResults
 from pipeline.report.table import WIDEST
 from pipeline.report.web import page
 from pipeline.report.web.front import front
@@ -51,12 +51,12 @@ def write(
     entries = []
     for name, settings in studies.items():
         for grid in settings.grid_names:
-            study = Study(layout, settings, grid, pick(table, study=name))
+            study = StudyResults(layout, settings, grid, pick(table, study=name))
             study_folder = folder / name / grid
             study_folder.mkdir(parents=True)
             sections = list(_sections(study, study_folder, least_queries, view))
             _write_study(study, study_folder, sections)
-            first_screen = front(study) if settings.asks_about_the_year else None
+            first_screen = front(study) if settings.tests_over_days else None
             entries.append(page.Entry(study, sections, first_screen))
     if not entries:
         raise ArtifactError(f"{layout.root}: nothing to report yet; `dvc repro` builds the studies")
@@ -73,7 +73,7 @@ def write(
     )
 
 
-def _write_study(study: Study, folder: Path, sections: Sequence[Section]) -> None:
+def _write_study(study: StudyResults, folder: Path, sections: Sequence[Section]) -> None:
     """Write the files of one study, whose figures lie in the folder already."""
     figures = [
         {
@@ -94,10 +94,10 @@ def _write_study(study: Study, folder: Path, sections: Sequence[Section]) -> Non
 
 
 def _sections(
-    study: Study, folder: Path, least_queries: int, view: Callable[[str], Any]
+    study: StudyResults, folder: Path, least_queries: int, view: Callable[[str], Any]
 ) -> Iterator[Section]:
     """Draw the figures of a study into its folder and yield its sections."""
-    if study.settings.asks_about_the_year:
+    if study.settings.tests_over_days:
         yield from year.sections(study, folder, view)
         yield from cases.sections(study, folder, least_queries)
     if study.settings.learns_further_days:
@@ -106,15 +106,15 @@ def _sections(
         yield viewpoints.section(study, folder, view(methods[0].view))
 
 
-def terminal_text(study: Study, figures: int) -> str:
+def terminal_text(study: StudyResults, figures: int) -> str:
     """The text of a study; `figures` is the number of figures in its report."""
     report = study.layout.path("report", study.name, study.grid, "report.md")
     return "\n".join([*_blocks(study), f"  {report}, with {figures} figures beside it\n"])
 
 
-def _blocks(study: Study) -> Iterator[str]:
+def _blocks(study: StudyResults) -> Iterator[str]:
     """The lines and tables of a study, by the questions that it asks."""
-    if study.settings.asks_about_the_year:
+    if study.settings.tests_over_days:
         yield f"{study.where}, trained on {study.train} alone, cells of {study.cell_m:g} m\n"
         yield tables.setup(study, longest=78).text()
         for protocol, number in product(tables.DISTANCE_FIRST, tables.MAIN_NUMBERS):
@@ -124,8 +124,8 @@ def _blocks(study: Study) -> Iterator[str]:
         if posed := [result for result in study.results if result.posed]:
             for pose_table in tables.pose_tables(posed):
                 yield from (_wrap(caption(pose_table)), pose_table.text())
-        if doubts := [_wrap(sentence(doubt)) for doubt in findings.doubts(study)]:
-            yield "\n".join(doubts) + "\n"
+        if caveats := [_wrap(sentence(caveat)) for caveat in findings.caveats(study)]:
+            yield "\n".join(caveats) + "\n"
     if study.settings.learns_further_days:
         yield f"{study.where}: after the last step of learning, means over the seeds\n"
         for order, strategies in grouped(read_strategies(study.rows), "order").items():

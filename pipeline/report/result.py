@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import ArtifactError, InputError
 from pipeline.evaluation.bootstrap import NONE, Estimate
-from pipeline.evaluation.doubts import VOID
-from pipeline.evaluation.judgement import NOT_JUDGED, Evaluation
+from pipeline.evaluation.caveats import DEGENERATE
+from pipeline.evaluation.evaluations import NOT_JUDGED, Evaluation
 from pipeline.evaluation.numbers import average
 from pipeline.evaluation.rows import UNPERTURBED, indexed, pick
 
@@ -59,29 +59,29 @@ class Scores:
 
     @property
     def kept(self) -> float:
-        """Precision on held-out blocks of training at the threshold in use.
+        """Precision on validation blocks of training at the threshold in use.
 
         NaN where it is unknown or the threshold accepts nothing.
         """
-        return self.number("distance", "kept_precision")
+        return self.number("distance", "validation_precision")
 
     @property
-    def wanted_precision(self) -> float:
-        """The precision that the thresholds were chosen for, on held-out blocks of training."""
-        return self.number("distance", "wanted_precision")
+    def target_precision(self) -> float:
+        """The precision that the thresholds were chosen for, on validation blocks of training."""
+        return self.number("distance", "target_precision")
 
     @property
     def posed(self) -> bool:
         """Whether the model answers with poses."""
         return ("distance", "within_2m_5deg") in self.numbers
 
-    def void(self, protocol: str) -> bool:
+    def degenerate(self, protocol: str) -> bool:
         """Whether the numbers by that protocol mean nothing.
 
         That is so if one and the same answer to every query would be right for half of them, or if
         no query is seen.
         """
-        return (protocol, VOID) in self.numbers
+        return (protocol, DEGENERATE) in self.numbers
 
     def values(self, protocol: str, name: str) -> Estimate:
         """One number by one protocol and its 95 % interval; NaN where there is none."""
@@ -128,7 +128,7 @@ def read_scores(rows: pd.DataFrame, tests: Sequence[str]) -> list[Scores]:
         scores.append(Scores(model, str(sequence), days[sequence], own))
     if scores and ("distance", "correct_m") not in scores[0].numbers:
         raise ArtifactError(
-            "the tables of results do not say how near is right; `dvc repro` gathers them anew"
+            "the tables of results do not say how near is right; `dvc repro` gathers them again"
         )
     return scores
 

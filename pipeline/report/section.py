@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from pipeline.report.figures.style import save
 from pipeline.report.findings import Finding
-from pipeline.report.study import Study
+from pipeline.report.study import StudyResults
 from pipeline.report.table import Table
 
 
@@ -45,7 +45,7 @@ class Section:
 
 
 def illustrate(
-    study: Study,
+    study: StudyResults,
     folder: Path,
     kind: str,
     figure: Figure | None,
@@ -64,7 +64,7 @@ def illustrate(
 
 
 def section_of(
-    study: Study,
+    study: StudyResults,
     kind: str,
     values: Mapping[str, Any] | None = None,
     illustrations: Iterable[Illustration | None] = (),

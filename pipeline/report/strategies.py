@@ -19,11 +19,11 @@ from pipeline.report.findings import Finding
 from pipeline.report.result import grouped
 
 # Strategies that are compared with each other: files of conf/strategy.
-GROWN = "grown"
-TUNED = "tuned"
+INCREMENTAL = "incremental"
+FINE_TUNED = "fine_tuned"
 JOINT = "joint"
-UPDATED = "updated"
-UPDATES = "updates"  # the order of days that nobody surveyed
+SELF_TRAINED = "self_trained"
+SELF_TRAINING = "self_training"  # the order of days without reference poses
 PROTOCOL = "distance"  # by which figures, findings and the terminal judge; tables have both
 
 
@@ -98,12 +98,12 @@ def findings(strategies: Sequence[Strategy]) -> list[Finding]:
     models = grouped(strategies, "model")
     all_findings = []
     for kind, number, reference in (
-        ("growth_forgets", "forgetting", TUNED),
+        ("incremental_forgets", "forgetting", FINE_TUNED),
         ("below_joint", "recall_of_all", JOINT),
     ):
         for model, group in models.items():
             if listed := against(group, number, reference):
-                values = {"listed": listed, "protocol": PROTOCOL, "strategy": GROWN}
+                values = {"listed": listed, "protocol": PROTOCOL, "strategy": INCREMENTAL}
                 all_findings.append(Finding(kind, model=model, reference=reference, **values))
     for group in models.values():
         all_findings += regained(group)
@@ -119,12 +119,12 @@ def against(strategies: Sequence[Strategy], number: str, reference: str) -> list
     entries = []
     for order, group in grouped(strategies, "order").items():
         last = {strategy.name: strategy.last(number, PROTOCOL) for strategy in group}  # (seed,)
-        if GROWN in last and reference in last:
-            differences = last[GROWN] - last[reference]
+        if INCREMENTAL in last and reference in last:
+            differences = last[INCREMENTAL] - last[reference]
             entries.append(
                 {
                     "order": order,
-                    "own": average(last[GROWN]),
+                    "own": average(last[INCREMENTAL]),
                     "reference": average(last[reference]),
                     "apart": average(differences),
                     "low": float(differences.min()),
@@ -136,19 +136,19 @@ def against(strategies: Sequence[Strategy], number: str, reference: str) -> list
 
 
 def regained(strategies: Sequence[Strategy]) -> Iterator[Finding]:
-    """One model's recall before and after days that nobody surveyed, if it had any.
+    """One model's recall before and after days without reference poses, if it had any.
 
-    Recall is that of the last asked day, and the mean of all. The finding adds how many scans were
-    adopted, and how many of them at a wrong pose.
+    Recall is that of the last queried day, and the mean of all. The finding adds how many scans
+    were pseudo-labelled, and how many of them at a wrong pose.
     """
-    updates = [strategy for strategy in strategies if strategy.order == UPDATES]
+    self_training = [strategy for strategy in strategies if strategy.order == SELF_TRAINING]
     entries = []
-    for strategy in updates:
+    for strategy in self_training:
         recall = strategy.over("recall_at_1", PROTOCOL, strategy.groups[-1])
         means = strategy.over("mean_recall", PROTOCOL)
-        asked, adopted, wrong = (
+        queried, pseudo_labelled, wrong = (
             average(np.nansum(strategy.over(name), axis=1))
-            for name in ("asked", "adopted", "wrong")
+            for name in ("queried", "pseudo_labelled", "wrong")
         )
         entries.append(
             {
@@ -156,14 +156,14 @@ def regained(strategies: Sequence[Strategy]) -> Iterator[Finding]:
                 "before": average(recall[:, 0]),
                 "after": average(recall[:, -1]),
                 "means": [average(means[:, 0]), average(means[:, -1])],
-                "asked": asked,
-                "adopted": adopted,
+                "queried": queried,
+                "pseudo_labelled": pseudo_labelled,
                 "wrong": wrong,
                 "digits": int(wrong % 1 > 0),
             }
         )
-    if updates:
-        first = updates[0]
+    if self_training:
+        first = self_training[0]
         yield Finding(
             "regained",
             model=first.model,

@@ -1,7 +1,7 @@
 """One study at one cell size: its rows of the table of results, and its artifacts.
 
-Every section of a report is made of a `Study`. It reads what it is asked for when it is asked, and
-knows where each artifact lies.
+Every section of a report is made of a `StudyResults`. It reads what it is asked for when it is
+asked, and knows where each artifact lies.
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ from pipeline.core.errors import ArtifactError
 from pipeline.core.schemas import Labels, Submaps
 from pipeline.core.store import A
 from pipeline.evaluation.bootstrap import Bootstrap
-from pipeline.evaluation.judgement import Evaluations
+from pipeline.evaluation.evaluations import Evaluations
 from pipeline.evaluation.protocols import Distance
 from pipeline.evaluation.rows import AGAINST, STRESS, UNPERTURBED, pick
 from pipeline.mapping.from_above import Drive, Footprint, along
@@ -34,7 +34,7 @@ class TrainingRecord:
     """How a model was trained, read from its file."""
 
     recipe: Mapping[str, str]  # the parameters that it was trained with
-    # names to values (round,); after each round the model is tried on held-out blocks
+    # names to values (round,); after each round the model is tried on validation blocks
     curves: Mapping[str, NDArray[np.float64]]
     best_round: int | None  # whose model was kept, from 0; None if the file does not say
     megabytes: float
@@ -64,7 +64,7 @@ def against(rows: pd.DataFrame, protocol: str) -> pd.DataFrame:
 
 
 @dataclass(frozen=True)
-class Study:
+class StudyResults:
     """A study at one of its cell sizes."""
 
     layout: Layout
@@ -99,7 +99,8 @@ class Study:
 
     @cached_property
     def driven(self) -> pd.DataFrame:
-        """The rows of queries as driven, of stress sequences too, for models of the first seed."""
+        """The rows of unperturbed queries, of stress sequences too, for models of the first
+        seed."""
         return pick(self.rows[self.rows["ask"].isin([UNPERTURBED, STRESS])], seed=0)
 
     @cached_property
@@ -108,7 +109,7 @@ class Study:
 
         Variants of methods come too in a study of the year.
         """
-        with_variants = self.settings.question == "year"
+        with_variants = self.settings.experiment == "year"
         return [
             model.name
             for model in self.settings.answerers

@@ -1,4 +1,4 @@
-"""The report of a sweep: a table of its jobs, the job that held-out blocks choose, and a figure.
+"""The report of a sweep: a table of its jobs, the job that validation blocks choose, and a figure.
 
 In: the records of the jobs, each with its settings and its rows of numbers. Out: sweep.md,
 sweep.svg and a text for a terminal.
@@ -76,25 +76,25 @@ def _table(jobs: Sequence[Record], swept: Sequence[str]) -> Table:
     for job in jobs:
         settings = [setting(job, name) for name in swept]
         means = [spread(job.values(*key), digits) for key, (_, digits) in SHOWN.items()]
-        held_out_auc = np.nan if job.held_out_auc is None else job.held_out_auc
-        outcome = "failed" if job.error else number(held_out_auc, 3)
+        validation_auc = np.nan if job.validation_auc is None else job.validation_auc
+        outcome = "failed" if job.error else number(validation_auc, 3)
         rows.append((str(job.number), *settings, *means, outcome))
-    header = ("job", *swept, *(heading for heading, _ in SHOWN.values()), "held-out AUC")
+    header = ("job", *swept, *(heading for heading, _ in SHOWN.values()), "validation AUC")
     return table("sweep", header, rows, text_columns=1 + len(swept))
 
 
 def _findings(jobs: Sequence[Record], swept: Sequence[str]) -> list[Finding]:
-    """The failed jobs, and for each cell size the job with the best held-out AUC and its scores.
+    """The failed jobs, and for each cell size the job with the best validation AUC and its scores.
 
-    The held-out AUC is by cells, so that of one cell size says nothing about another.
+    The validation AUC is by cells, so that of one cell size says nothing about another.
     """
     grid_settings = [name for name in swept if name.partition(".")[0] == "grid"]
     other_settings = [name for name in swept if name not in grid_settings]
     best: dict[str, Record] = {}  # grid to job
     for job in jobs:
         grid = _settings(job, grid_settings)
-        if job.held_out_auc is not None and (
-            grid not in best or job.held_out_auc > (best[grid].held_out_auc or 0.0)
+        if job.validation_auc is not None and (
+            grid not in best or job.validation_auc > (best[grid].validation_auc or 0.0)
         ):
             best[grid] = job
     failed = [
@@ -106,7 +106,7 @@ def _findings(jobs: Sequence[Record], swept: Sequence[str]) -> list[Finding]:
             number=job.number,
             grid=grid,
             settings=_settings(job, other_settings),
-            held_out=job.held_out_auc,
+            validation=job.validation_auc,
             auc=average(job.values("cells", "auc_top1")),
             recall=average(job.values("distance", "recall_at_1")),
         )

@@ -119,8 +119,8 @@ def number(
     )
 
 
-def kept_precision(precision: float, wanted: float) -> Cell:
-    """A cell with the precision on held-out blocks; `0.731 of 0.9` if less than was wanted."""
+def validation_precision(precision: float, wanted: float) -> Cell:
+    """A cell with the precision on validation blocks; `0.731 of 0.9` if less than was wanted."""
     return replace(number(precision, 3), small=f"of {wanted:g}" if precision < wanted else "")
 
 

@@ -14,8 +14,8 @@ import numpy as np
 import pandas as pd
 
 from pipeline.evaluation.bootstrap import NONE, Estimate
-from pipeline.evaluation.doubts import VOID
-from pipeline.evaluation.judgement import VERDICTS
+from pipeline.evaluation.caveats import DEGENERATE
+from pipeline.evaluation.evaluations import VERDICTS
 from pipeline.evaluation.numbers import LEVEL_POSES, MEASURES, average
 from pipeline.evaluation.paired import COMPARED, LEVEL
 from pipeline.evaluation.protocols import PROTOCOLS
@@ -30,34 +30,34 @@ from pipeline.evaluation.rows import (
     pick,
 )
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, PERCENTILE, SHOWN
-from pipeline.evaluation.viewpoints import NUMBERS as VIEWPOINT_NUMBERS
+from pipeline.evaluation.viewpoint_matches import NUMBERS as VIEWPOINT_NUMBERS
 from pipeline.report.comparison import (
     AUC,
+    AUC_BY_DISTANCE,
+    AUC_SHARE,
     AUROC,
-    FAR,
-    FAR_AUC,
-    FAR_AUROC,
-    KEPT,
-    OFF,
+    AUROC_BY_DISTANCE,
+    HEADING_ERROR,
     RECALL,
+    RECALL_BY_DISTANCE,
     WITHIN,
     Comparison,
     Kind,
     Measure,
 )
 from pipeline.report.result import TITLES, Scores, by_model, by_sequence, dates, day, is_posed
-from pipeline.report.strategies import UPDATES, Strategy
-from pipeline.report.study import Study, against
+from pipeline.report.strategies import SELF_TRAINING, Strategy
+from pipeline.report.study import StudyResults, against
 from pipeline.report.table import (
     MISSING,
     Cell,
     Table,
     count,
     difference,
-    kept_precision,
     number,
     spread,
     table,
+    validation_precision,
 )
 from pipeline.studies import catalogue
 
@@ -84,8 +84,8 @@ MAIN_NUMBERS = {
 # Of the last test day in `scorecard`: how many queries are answered, and rightly.
 ANSWERED = (Column("answers", "answered"), Column("right of those", "precision_at_threshold"))
 # What the verdict accepted, and what it got wrong.
-BELIEVED = (
-    Column("believed", "accepted", 0),
+ACCEPTED_COLUMNS = (
+    Column("accepted", "accepted", 0),
     Column("wrong", "accepted_wrong", 0),
     Column("wrong refused", "refused_wrong", 0),
 )
@@ -103,7 +103,7 @@ FURTHER = (
     Column("R@99%P", "recall_at_99_precision"),
     Column("AUROC", "auroc"),
     Column("precision", "precision_at_threshold"),
-    Column("keeps", "kept_precision"),
+    Column("keeps", "validation_precision"),
     Column("recall", "recall_at_threshold"),
     Column("error [m]", "median_error_m", 1),
 )
@@ -113,7 +113,7 @@ EVERYTHING = (
     Column("AUC top-1", "auc_top1"),
     *FURTHER,
 )
-# How near the poses are. "At .99" are poses accepted where a precision of .99 was promised.
+# How near the poses are. "At .99" are poses accepted where a target precision was .99.
 POSES = (
     Column("within 2 m, 5°", "within_2m_5deg"),
     Column("within 1 m, 10°", LEVEL_POSES),
@@ -127,7 +127,7 @@ POSES = (
     Column("wrong of accepted at .99", "wrong_of_accepted_99", 4),
     Column("recall at .99", "recall_99"),
 )
-# How many queries got each verdict where a precision of .99 was promised.
+# How many queries got each verdict where a target precision was .99.
 ANSWERS = (
     *(Column(verdict.replace("_", " "), f"{verdict}_99", 0) for verdict in VERDICTS),
     Column("calibration error", "pose_ece"),
@@ -155,19 +155,19 @@ LEARNING = {
     "forgetting": "forgetting",
     "transfer": "transfer",
 }
-ADOPTED = {
-    "asked": "scans asked",
-    "adopted": "adopted",
+PSEUDO_LABELLED = {
+    "queried": "scans asked",
+    "pseudo_labelled": "pseudo_labelled",
     "wrong": "of these wrong",
     "changed": "submaps changed",
 }
 # Paper 2's numbers (IROS 2018, unsupervised features of bird-views).
 VIEWPOINTS = dict(zip(VIEWPOINT_NUMBERS, ("ROC-AUC", "PR-AUC", "accuracy", "recall"), strict=True))
-MOST_ALTERED_KINDS = 4  # of altered queries that have a column in `altered`
+MOST_PERTURBED_KINDS = 4  # of perturbed queries that have a column in `perturbed`
 # The columns of the two tables `every_case`, by cells and by distance, and of `stress`.
-BY_CELLS = (AUC, KEPT, RECALL, AUROC)
-BY_DISTANCE = (FAR_AUC, FAR, FAR_AUROC, OFF, WITHIN)
-STRESS = (RECALL, AUC, AUROC, FAR, FAR_AUROC)
+BY_CELLS = (AUC, AUC_SHARE, RECALL, AUROC)
+BY_DISTANCE = (AUC_BY_DISTANCE, RECALL_BY_DISTANCE, AUROC_BY_DISTANCE, HEADING_ERROR, WITHIN)
+STRESS = (RECALL, AUC, AUROC, RECALL_BY_DISTANCE, AUROC_BY_DISTANCE)
 
 
 def pivot(
@@ -220,15 +220,15 @@ def scorecard(scores: Sequence[Scores]) -> Table:
     """Recall@1 by distance: one row per model, one column per test day, and more of the last day.
 
     The last columns are the share answered, the share of those right, the precision that the
-    threshold kept on held-out blocks, and the time of a query where any was measured.
+    threshold kept on validation blocks, and the time of a query where any was measured.
     """
-    recall = over_days("scorecard", scores, "distance", "recall_at_1", shows_void=True)
+    recall = over_days("scorecard", scores, "distance", "recall_at_1", shows_degenerate=True)
     is_timed = any(np.isfinite(score.number("", "query_ms")) for score in scores)
     rows = []
     for recall_cells, group in zip(recall.rows, by_model(scores).values(), strict=True):
         last = group[-1]
         answered = [_plain("distance")(last, column) for column in ANSWERED]
-        row = [*recall_cells, *answered, kept_precision(last.kept, last.wanted_precision)]
+        row = [*recall_cells, *answered, validation_precision(last.kept, last.target_precision)]
         rows.append([*row, number(last.number("", "query_ms"), 1)] if is_timed else row)
     header = [*recall.header, *(column.heading for column in ANSWERED), "keeps"]
     header += ["ms a query"] * is_timed
@@ -236,18 +236,18 @@ def scorecard(scores: Sequence[Scores]) -> Table:
 
 
 def over_days(
-    kind: str, scores: Sequence[Scores], protocol: str, name: str, *, shows_void: bool = False
+    kind: str, scores: Sequence[Scores], protocol: str, name: str, *, shows_degenerate: bool = False
 ) -> Table:
     """One number by one protocol: one row per model, one column per test day, with intervals.
 
-    Each cell says which result it is of, so that the page's map can show it. If `shows_void`, a
-    cell says "void" where the numbers of that day mean nothing.
+    Each cell says which result it is of, so that the page's map can show it. If `shows_degenerate`,
+    a cell says "degenerate" where the numbers of that day mean nothing.
     """
 
     def cell(group: Sequence[Scores], i: int) -> Cell:
         score = group[i]
-        is_void = shows_void and score.void(protocol)
-        shown = Cell(VOID) if is_void else bounded(score.values(protocol, name), 3)
+        is_degenerate = shows_degenerate and score.degenerate(protocol)
+        shown = Cell(DEGENERATE) if is_degenerate else bounded(score.values(protocol, name), 3)
         return replace(shown, result=(score.model, score.sequence))
 
     columns = [(date, i) for i, date in enumerate(dates(scores).values())]
@@ -255,17 +255,17 @@ def over_days(
     return pivot(kind, ("method",), rows, columns, cell)
 
 
-def believed(scores: Sequence[Scores]) -> Table:
-    """How many answers of a model were believed on each day, and what the verdict got wrong."""
+def accepted(scores: Sequence[Scores]) -> Table:
+    """How many answers of a model were accepted on each day, and what the verdict got wrong."""
     days = dates(scores)
     rows = [
         ((Cell(days[score.sequence], result=(score.model, score.sequence)),), score)
         for score in scores
     ]
-    return pivot("believed", ("day",), rows, titled(BELIEVED), _plain("distance"))
+    return pivot("accepted", ("day",), rows, titled(ACCEPTED_COLUMNS), _plain("distance"))
 
 
-def main_number(study: Study, protocol: str, name: str) -> Table:
+def main_number(study: StudyResults, protocol: str, name: str) -> Table:
     """One of MAIN_NUMBERS: one row per model, one column per test day, the oracle last.
 
     Cells have 95 % intervals, and a mark where the paired test against the study's first method is
@@ -281,7 +281,7 @@ def main_number(study: Study, protocol: str, name: str) -> Table:
         for result in groups[model]:
             mark = marks.get((model, result.sequence), "")
             cell = bounded(result.values(protocol, name), 3, mark)
-            row.append(Cell(VOID) if result.void(protocol) else cell)
+            row.append(Cell(DEGENERATE) if result.degenerate(protocol) else cell)
         rows.append(row)
     first_of_day = [group[0] for group in by_sequence(study.results).values()]
     oracle_shares = [result.number(protocol, oracle.number) for result in first_of_day]
@@ -297,7 +297,7 @@ def main_number(study: Study, protocol: str, name: str) -> Table:
 
 
 def _marks(
-    study: Study, protocol: str, name: str
+    study: StudyResults, protocol: str, name: str
 ) -> tuple[dict[tuple[str, str], str], dict[str, bool]]:
     """Map model and sequence to `+` or `−` where the paired test of a number is clear.
 
@@ -319,7 +319,7 @@ def _marks(
 
 
 def pose_tables(scores: Sequence[Scores]) -> list[Table]:
-    """What a robot is told of the queries of each day, and how good the poses are."""
+    """What a robot gets of the queries of each day, and how good the poses are."""
     headings = ("model", "sequence")
     return [
         pose_table("pose_answers", headings, scores, ANSWERS),
@@ -346,7 +346,7 @@ def pose_table(
     return pivot(kind, texts, rows, shown, _bounded)
 
 
-def means(study: Study) -> Table:
+def means(study: StudyResults) -> Table:
     """The other numbers of each model by both protocols: means over the test sequences."""
     models = by_model(study.results).items()
     return pivot(
@@ -358,7 +358,7 @@ def means(study: Study) -> Table:
     )
 
 
-def everything(study: Study, protocol: str) -> Table:
+def everything(study: StudyResults, protocol: str) -> Table:
     """All numbers of each sequence and model by one protocol."""
     rows = [
         ((name, result.model), result)
@@ -370,7 +370,7 @@ def everything(study: Study, protocol: str) -> Table:
     return pivot("everything", texts, rows, columns, _plain(protocol), protocol=protocol)
 
 
-def headings(study: Study) -> Table | None:
+def headings(study: StudyResults) -> Table | None:
     """Errors of the headings by both protocols; None if no model gives a heading.
 
     There is one row per model and sequence, and one of a model's mean over several.
@@ -393,7 +393,7 @@ def headings(study: Study) -> Table | None:
     return pivot("headings", ("model", "sequence"), rows, columns, cell) if rows else None
 
 
-def novelties(study: Study, protocol: str) -> Table:
+def novelties(study: StudyResults, protocol: str) -> Table:
     """How each kind of novelty rejects by one protocol: means, and the sequence of worst AUROC."""
     rows = []
     novelty_rows = pick(study.rows, ask=NOVELTY, protocol=protocol, seed=0)
@@ -404,7 +404,9 @@ def novelties(study: Study, protocol: str) -> Table:
                 index="sequence", columns="number", values="value"
             )
             values = values.loc[sequences]
-            kept = kept_precision(values["kept_precision"].iloc[0], group[0].wanted_precision)
+            kept = validation_precision(
+                values["validation_precision"].iloc[0], group[0].target_precision
+            )
             auroc = values["auroc"].fillna(np.inf)
             worst = number(values["auroc"][auroc.idxmin()], 3)
             is_known = worst.key is not None
@@ -421,7 +423,7 @@ def novelties(study: Study, protocol: str) -> Table:
     return table("novelties", header, rows, text_columns=2, protocol=protocol)
 
 
-def paired(study: Study, protocol: str) -> list[Table]:
+def paired(study: StudyResults, protocol: str) -> list[Table]:
     """Every model against a reference: differences with intervals, p, and who alone was right.
 
     Models with poses have a table of their own if their reference has poses too.
@@ -482,7 +484,7 @@ def ageing(rows: pd.DataFrame, protocol: str, name: str, title: str) -> Table:
     return table("ageing", ("model", *columns), table_rows, title=title, per=PER_DAYS)
 
 
-def setup(study: Study, longest: int = 400) -> Table:
+def setup(study: StudyResults, longest: int = 400) -> Table:
     """One row per model: what it is, its view, its share of full training, and its size.
 
     The description of what it is is cut to `longest` characters.
@@ -516,7 +518,7 @@ def setup(study: Study, longest: int = 400) -> Table:
     return table("setup", header, rows, text_columns=5)
 
 
-def sequences(study: Study) -> Table:
+def sequences(study: StudyResults) -> Table:
     """Table II of the SCI paper: each test sequence's age and how many of its queries are seen.
 
     A query is seen if training had been at its place. That is counted once by distance and once by
@@ -536,7 +538,7 @@ def sequences(study: Study) -> Table:
     return table("sequences", ("sequence", *SEQUENCES, *SEQUENCES_BY_CELLS), rows)
 
 
-def costs(study: Study) -> Table | None:
+def costs(study: StudyResults) -> Table | None:
     """One row per model, variants and seeds too: what training cost here, and a query's time.
 
     None if nothing was measured.
@@ -560,8 +562,11 @@ def costs(study: Study) -> Table | None:
 def of_order(order: str, strategies: Sequence[Strategy]) -> list[Table]:
     """All tables of one order of learning further days."""
     tables = [learning(order, strategies)]
-    if order == UPDATES:
-        tables += [adopted(strategies), *(asked_days(strategies, by) for by in DISTANCE_FIRST)]
+    if order == SELF_TRAINING:
+        tables += [
+            pseudo_labelled(strategies),
+            *(query_days(strategies, by) for by in DISTANCE_FIRST),
+        ]
     return tables
 
 
@@ -591,19 +596,19 @@ def learning(order: str, strategies: Sequence[Strategy]) -> Table:
     return table("lifelong", header, rows, text_columns=2, order=order)
 
 
-def adopted(strategies: Sequence[Strategy]) -> Table:
-    """The numbers of adopted scans and of changed submaps over all steps."""
+def pseudo_labelled(strategies: Sequence[Strategy]) -> Table:
+    """The numbers of pseudo-labelled scans and of changed submaps over all steps."""
     return pivot(
-        "lifelong_adopted",
+        "lifelong_pseudo_labelled",
         ("model", "strategy"),
         [((strategy.model, strategy.name), strategy) for strategy in strategies],
-        [(heading, name) for name, heading in ADOPTED.items()],
+        [(heading, name) for name, heading in PSEUDO_LABELLED.items()],
         lambda strategy, name: spread(strategy.total(name), 0),
     )
 
 
-def asked_days(strategies: Sequence[Strategy], protocol: str) -> Table:
-    """Recall on each asked day before the first step and after the last."""
+def query_days(strategies: Sequence[Strategy], protocol: str) -> Table:
+    """Recall on each queried day before the first step and after the last."""
     rows = [
         ((strategy.model, strategy.name, when), (strategy, step))
         for strategy in strategies
@@ -611,7 +616,7 @@ def asked_days(strategies: Sequence[Strategy], protocol: str) -> Table:
     ]
     days = dict.fromkeys(name for strategy in strategies for name in strategy.groups)
     return pivot(
-        "lifelong_asked",
+        "lifelong_queried",
         ("model", "strategy", "when"),
         rows,
         [(name, name) for name in days],
@@ -620,7 +625,7 @@ def asked_days(strategies: Sequence[Strategy], protocol: str) -> Table:
     )
 
 
-def over_headings(study: Study) -> list[Table]:
+def over_headings(study: StudyResults) -> list[Table]:
     """Paper 2's numbers, one row per sequence and model: means over headings, and over seeds.
 
     A table without rows is left out.
@@ -652,7 +657,7 @@ def over_headings(study: Study) -> list[Table]:
     return [candidate for candidate in candidates if candidate.rows]
 
 
-def every_heading(study: Study, name: str) -> Table:
+def every_heading(study: StudyResults, name: str) -> Table:
     """One of paper 2's numbers: one column per heading, means over the seeds."""
     rows = [(key, numbers.groupby("at")[name]) for key, numbers in _by_heading(study).items()]
     headings_deg = sorted({deg for _, groups in rows for deg in groups.groups})
@@ -666,7 +671,7 @@ def every_heading(study: Study, name: str) -> Table:
     )
 
 
-def _by_heading(study: Study) -> dict[tuple[str, str], pd.DataFrame]:
+def _by_heading(study: StudyResults) -> dict[tuple[str, str], pd.DataFrame]:
     """For each sequence and model its numbers, one row per seed and heading `at`."""
     groups = pick(study.rows, ask=VIEWPOINT, of=HEADING).groupby(["sequence", "model"], sort=False)
     return {
@@ -675,31 +680,31 @@ def _by_heading(study: Study) -> dict[tuple[str, str], pd.DataFrame]:
     }
 
 
-def altered(study: Study, models: Iterable[str]) -> Table | None:
-    """Recall@1 by distance on altered queries, beside queries as driven on the same days.
+def perturbed(study: StudyResults, models: Iterable[str]) -> Table | None:
+    """Recall@1 by distance on perturbed queries, beside unperturbed queries on the same days.
 
-    One row per model that was asked altered queries; the last column is the change with age. None
-    if no queries were altered.
+    One row per model that was asked perturbed queries; the last column is the change with age. None
+    if no queries were perturbed.
     """
     rows = pick(study.rows[study.rows["ask"].isin([UNPERTURBED, PERTURBED])], seed=0)
     days = pick(rows, ask=PERTURBED)["sequence"].unique()
     if not len(days):
         return None
     comparison = Comparison(rows[rows["sequence"].isin(days)], {})
-    kinds = comparison.kinds[: 1 + MOST_ALTERED_KINDS]  # queries as driven come first
+    kinds = comparison.kinds[: 1 + MOST_PERTURBED_KINDS]  # unperturbed queries come first
     slopes = indexed(pick(study.driven, number=f"recall_at_1_per_{PER_DAYS}_days"), "model")
     table_rows = []
     for model in models:
         if model not in comparison.models:
             continue
-        recalls = [comparison.measurement(model, kind, FAR).mean for kind in kinds]
+        recalls = [comparison.measurement(model, kind, RECALL_BY_DISTANCE).mean for kind in kinds]
         if np.isfinite(recalls[1:]).any():
             slope, *interval = slopes.get(model, NONE)
             recall_cells = [number(recall, 3) for recall in recalls]
             table_rows.append((model, *recall_cells, difference(slope, 3, interval)))
     day_names = ", ".join(dates(study.results).get(name, name) for name in days)
     header = ("method", *(kind.label for kind in kinds), f"{PER_DAYS} days older")
-    return table("altered", header, table_rows, days=day_names) if table_rows else None
+    return table("perturbed", header, table_rows, days=day_names) if table_rows else None
 
 
 def every_case(comparison: Comparison, measures: Sequence[Measure]) -> Table:
@@ -731,7 +736,7 @@ def every_case(comparison: Comparison, measures: Sequence[Measure]) -> Table:
 def over_kinds(comparison: Comparison, measure: Measure) -> Table:
     """One measure: one row per model, one column per kind of query; means ± over the sequences.
 
-    A measure relative to queries as driven has no column for these.
+    A measure relative to unperturbed queries has no column for these.
     """
     kinds = comparison.changes if measure.relative else comparison.kinds
     return pivot(
@@ -769,7 +774,7 @@ def on_sequences(comparison: Comparison, kind: Kind, measure: Measure) -> Table:
 
 
 def stress(comparison: Comparison, titles: Mapping[str, str]) -> Table:
-    """One row per sequence of stress and model, as driven: means ± deviation over the seeds."""
+    """One row per sequence of stress and model, unperturbed: means ± deviation over the seeds."""
     models = comparison.ordered(Kind(), RECALL)
     rows = []
     for (i, sequence), model in product(enumerate(comparison.sequences), models):

@@ -91,9 +91,9 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
     Raises ConfigError if it is missing, empty, not UTF-8, no yaml, or has no keys.
     """
-    mend = "mend it, or let `git checkout` bring it back"
+    mend = "fix it, or let `git checkout` bring it back"
     if path.name in WRITTEN:
-        mend = "`yearloc use campus` writes it anew"
+        mend = "`yearloc use campus` rewrites it"
     try:
         content = yaml.load(path.read_text(encoding="utf-8"), LOADER)
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError):

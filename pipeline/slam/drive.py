@@ -176,6 +176,6 @@ def estimated(
     )
 
 
-def without_truth(log: Log) -> Log:
+def without_ground_truth(log: Log) -> Log:
     """The same log, but all of its true poses NaN."""
     return replace(log, world_T_scan=np.full_like(log.world_T_scan, np.nan))

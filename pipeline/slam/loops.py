@@ -7,7 +7,7 @@ one key in every 4 m of path:
    right they look, and nothing else refuses them.
 2. Of these take the five that look most like it by Scan Context (Kim and Kim, IROS 2018): not by
    the networks, which are judged on the map that results.
-3. Register the key with them, and with others that look alike, by the search of posing/search.py.
+3. Register the key with them, and with others that look similar, by the search of posing/search.py.
 4. Accept the likeliest pose if the two keys overlap, and if odometry may have drifted so far.
 
 Parts of a drive that odometry does not join have no step 1 and no drift: between two of them a loop
@@ -49,8 +49,9 @@ class Loop:
     """(4, 4) pose of the later key in the earlier one's frame."""
     covariance: NDArray[np.float64]
     """(6, 6) of a small turn in radians, then a step in metres, in the later one's frame."""
-    chance: float
-    """The chance that the pose is right, by the search's own model (posing/chances.py)."""
+    probability: float
+    """The probability that the pose is right, by the search's own model
+    (posing/probabilities.py)."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ class LoopSearch:
     agreeing: Count = 3
     """Two parts of a drive are joined only by so many loops that agree, or more."""
     sure: Share = 0.95
-    """A loop between parts, or a fix on a map, has at least this chance to be right."""
+    """A loop between parts, or a fix on a map, has at least this probability to be right."""
     range_m: Positive = 100.0
     """Points farther from a key are left out."""
 
@@ -100,7 +101,7 @@ class LoopSearch:
             earlier_parts = keys.parts < keys.parts[key]
             if earlier_parts.any():
                 loop = self.loop(keys, key, keys, targets, earlier_parts, usual_overlap)
-                if loop and loop.chance >= self.sure:
+                if loop and loop.probability >= self.sure:
                     between_parts.append(loop)
         # of the loops between two parts, those of which enough agree
         return loops + agreeing(
@@ -142,7 +143,7 @@ class LoopSearch:
         if not len(rows):
             return None
         distances, turned_deg = among.spectra.compare(keys.heights_m[key], rows)
-        order = np.argsort(distances, kind="stable")[: self.nearest]  # most alike first
+        order = np.argsort(distances, kind="stable")[: self.nearest]  # most similar first
         world_T_anchor = targets.world_T_anchor[rows[order]]
         heading_deg = np.rad2deg(yaw(world_T_anchor)) + turned_deg[order]
         within_turn_deg = (heading_deg + 180.0) % 360.0 - 180.0  # from −180 to 180
@@ -162,7 +163,7 @@ class LoopSearch:
         )
         if overlap < self.least * usual_overlap:
             return None
-        return Loop(best.row, key, key_T_later, best.alignment.covariance, fix.chance)
+        return Loop(best.row, key, key_T_later, best.alignment.covariance, fix.probability)
 
     def _is_drift(self, keys: Keys, loop: Loop) -> bool:
         """Whether odometry may have drifted as far as a loop says."""

@@ -10,7 +10,7 @@ A log goes in, a `Track` comes out: the poses of its scans in a frame that begin
 4. So check the step by the overlap with the scan before. Where that is low for this log, try
    further guesses and take the one of the most overlap.
 5. Where the scan hardly overlaps with the one before, nor with the one before that, take the step
-   of the log's odometry; where the log has none, break: the odometry starts anew at this scan.
+   of the log's odometry; where the log has none, break: the odometry starts again at this scan.
 6. Add the scan to the map.
 """
 
@@ -23,7 +23,7 @@ import small_gicp
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError, LogError
-from pipeline.core.frames import Poses, distance_and_turn, interpolate, moved, turns, yaw
+from pipeline.core.frames import Poses, distance_and_turn, interpolate, transformed, turns, yaw
 from pipeline.core.progress import Progress
 from pipeline.core.settings import Count, Positive, Share, checked
 from pipeline.matching.shifts import Spectra
@@ -62,7 +62,7 @@ class Track:
     """The odometry of one drive of n scans."""
 
     odom_T_scan: Poses
-    """(n, 4, 4) poses; they start anew at the identity after a break, and are NaN for a scan that
+    """(n, 4, 4) poses; they start again at the identity after a break, and are NaN for a scan that
     cannot be registered."""
     overlap: NDArray[np.float64]
     """(n,) the overlap of each scan with the one before (`share_standing`); NaN for the first scan
@@ -70,7 +70,7 @@ class Track:
     by_log: NDArray[np.bool_]
     """(n,) True where the step to a scan is the log's odometry, for want of overlap."""
     breaks: NDArray[np.int64]
-    """(k,) the scans that nothing joins with the one before, where the odometry starts anew."""
+    """(k,) the scans that nothing joins with the one before, where the odometry starts again."""
     skipped: dict[str, int]
     """How many scans have no pose, by reason."""
 
@@ -402,8 +402,8 @@ def share_standing(target: Cloud, source: Cloud, target_T_source: Poses, inlier_
     hides what the other saw.
     """
     source_T_target = np.asarray(np.linalg.inv(target_T_source))
-    of_source = _share(target, moved(target_T_source, standing(source)), inlier_m)
-    of_target = _share(source, moved(source_T_target, standing(target)), inlier_m)
+    of_source = _share(target, transformed(target_T_source, standing(source)), inlier_m)
+    of_target = _share(source, transformed(source_T_target, standing(target)), inlier_m)
     return max(of_source, of_target)
 
 

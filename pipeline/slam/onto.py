@@ -1,8 +1,8 @@
 """Estimates the poses of a further day's drive on the map of the training day (METHODS 12.4).
 
 1. The drive's odometry and keys are found as on the training day (drive.py).
-2. Each key is sought among all keys of the training day; one found there with a high chance is a
-   fix.
+   2. Each key is sought among all keys of the training day; one found there with a high probability
+   is a fix.
 3. Of each part of the drive, the fixes that agree with one another by odometry are kept.
 4. The graph lays the drive's odometry onto these fixes.
 """
@@ -22,7 +22,7 @@ from pipeline.slam.loops import agreeing
 from pipeline.slam.odometry import Track
 
 AGREEING = 2
-"""A part of a drive is laid onto the map if so many of its fixes agree by odometry."""
+"""A part of a drive is aligned with the map if so many of its fixes agree by odometry."""
 
 
 def estimate_onto(
@@ -64,7 +64,8 @@ def keys_of_map(slam: Slam, log: Log, world_T_scan: Poses, watch: Progress) -> K
 def key_fixes(
     slam: Slam, keys: Keys, map_keys: Keys, usual_overlap: float, watch: Progress
 ) -> list[KeyFix]:
-    """The keys of a drive that are found on a map, with the chance and overlap that loops need."""
+    """The keys of a drive that are found on a map, with the probability and overlap that loops
+    need."""
     search = slam.loops
     targets = map_keys.targets(map_keys.odom_T_key, search.range_m)
     everywhere = np.ones(len(map_keys.rows), bool)
@@ -72,7 +73,7 @@ def key_fixes(
     queries = search.queries(keys)
     for key in watch.track(queries, len(queries), "fixes"):
         loop = search.loop(keys, key, map_keys, targets, everywhere, usual_overlap)
-        if loop and loop.chance >= search.sure:
+        if loop and loop.probability >= search.sure:
             world_T_key = map_keys.odom_T_key[loop.key] @ loop.key_T_later
             fixes.append(KeyFix(key, world_T_key, loop.covariance))
     return fixes

@@ -6,7 +6,7 @@ import numpy as np
 import small_gicp
 
 from pipeline.core.errors import LogError
-from pipeline.core.frames import moved
+from pipeline.core.frames import transformed
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import Estimates
 from pipeline.formats import folder, pcd
@@ -45,7 +45,7 @@ def map_pcd(log: Log, estimate: Estimates, watch: Progress) -> bytes:
         except LogError:
             continue
         near = points_m[np.linalg.norm(points_m, axis=1) < MAP_RANGE_M]
-        not_thinned.append(moved(estimate.world_T_scan[row], near))
+        not_thinned.append(transformed(estimate.world_T_scan[row], near))
         if number % THINNED_AFTER == 0 or number == len(rows):
             all_m = np.concatenate([map_m, *not_thinned])
             thinned = small_gicp.voxelgrid_sampling(all_m, MAP_VOXEL_M)

@@ -14,7 +14,7 @@ from typing import Any, Self
 from pipeline.core.building import TARGET, build, target_class
 from pipeline.core.errors import ConfigError, NotInstalledError
 from pipeline.readers.log import READERS, Reader
-from pipeline.readers.parts import Part, names
+from pipeline.readers.splits import Split, names
 from pipeline.running.texts import read_yaml
 from pipeline.studies.layout import Layout
 
@@ -57,7 +57,7 @@ def simulated_drives(
         raise ConfigError(f"world={world}: expected one of {', '.join(tests_of_world)}")
     sequences = read_yaml(conf / "world" / f"{name}_{world}.yaml")["sequences"]
     tests = options["tests"].split(",") if "tests" in options else list(tests_of_world[world])
-    if defaults.get("parts"):  # each log is split: the first part, -a, trains, the second tests
+    if defaults.get("split"):  # each log is split: the first part, -a, trains, the second tests
         sequences = [f"{log}-b" for log in sequences]
     if unknown := [test for test in tests if test not in sequences]:
         raise ConfigError(
@@ -101,9 +101,9 @@ class LogFolder:
             missing |= {sequence: ["a name of letters, digits and ._+-: rename it"]}
         readable = []
         notes = []
-        for sequence, missing_parts in missing.items():
-            if missing_parts:
-                notes.append(f"{sequence}: lacks {', '.join(missing_parts)}")
+        for sequence, missing_splits in missing.items():
+            if missing_splits:
+                notes.append(f"{sequence}: lacks {', '.join(missing_splits)}")
             else:
                 readable.append(sequence)
         return cls(root, missing, readable, notes)
@@ -125,7 +125,7 @@ def recorded_drives(
     logs = LogFolder.searched(_root(name, options), name, reader, defaults["expected"])
     default_train = defaults["train"]
     default_tests = list(defaults["tests"])
-    named_parts = _named_parts(options, logs.readable)
+    named_splits = _named_splits(options, logs.readable)
     rule = _rule(name, defaults, options)
     if rule and logs.readable:
         # the study is on the parts of one log
@@ -133,14 +133,14 @@ def recorded_drives(
         if default_log not in logs.readable:
             default_log = logs.readable[0]
         log = options.get("log", default_log)
-        parts = [f"{log}-a", f"{log}-b"] if rule == "halves" else names(log, rule)
-        default_train, *default_tests = parts
-        logs.readable = list(parts) if log in logs.readable else []
+        splits = [f"{log}-a", f"{log}-b"] if rule == "halves" else names(log, rule)
+        default_train, *default_tests = splits
+        logs.readable = list(splits) if log in logs.readable else []
         logs.notes.append(
             f"logs found: {', '.join(logs.missing)}; each has its own frame, this study is on "
-            f"{log} (log=NN chooses another, parts=time:2 splits it otherwise)"
+            f"{log} (log=NN chooses another, split=time:2 splits it otherwise)"
         )
-    logs.readable = list(dict.fromkeys([*logs.readable, *named_parts]))
+    logs.readable = list(dict.fromkeys([*logs.readable, *named_splits]))
     train = _training_sequences(logs, options, default_train)
     tests = _test_sequences(logs, options, default_tests, train)
     return Drives(
@@ -176,27 +176,27 @@ def _named_sequences(options: Mapping[str, str]) -> list[str]:
     return train + tests
 
 
-def _named_parts(options: Mapping[str, str], readable: Sequence[str]) -> list[str]:
+def _named_splits(options: Mapping[str, str], readable: Sequence[str]) -> list[str]:
     """The names in train= and tests= that are parts of readable logs, such as drive+path1of2."""
-    named_parts = []
+    named_splits = []
     for name in dict.fromkeys(_named_sequences(options)):
-        log, part = Part.named(name)
-        if part and log in readable:
-            named_parts.append(name)
-    return named_parts
+        log, split = Split.named(name)
+        if split and log in readable:
+            named_splits.append(name)
+    return named_splits
 
 
 def _rule(name: str, defaults: Mapping[str, Any], options: Mapping[str, str]) -> str | None:
     """How one log is split into parts, of which the first trains; None if no log is split."""
-    rule: str | None = options.get("parts", defaults.get("parts"))
+    rule: str | None = options.get("split", defaults.get("split"))
     if "log" in options and not rule:
         raise ConfigError(
-            f"log={options['log']}: {name} splits no log; give parts= too, or train= and tests= "
+            f"log={options['log']}: {name} splits no log; give splits= too, or train= and tests= "
             "instead"
         )
-    if options.get("parts") and {"train", "tests"} <= options.keys():
+    if options.get("split") and {"train", "tests"} <= options.keys():
         raise ConfigError(
-            f"parts={rule}: train= and tests= name the parts already; leave one of the two out"
+            f"split={rule}: train= and tests= name the parts already; leave one of the two out"
         )
     return rule
 
@@ -235,7 +235,7 @@ def _whole_logs(sequences: Sequence[str]) -> list[str]:
     """The log that each sequence is, or is a part of."""
     whole_logs = []
     for sequence in sequences:
-        log, _ = Part.named(sequence)
+        log, _ = Split.named(sequence)
         whole_logs.append(log)
     return whole_logs
 
@@ -275,7 +275,7 @@ def _advice_on_tests(logs: LogFolder, options: Mapping[str, str], train: Sequenc
     if len(logs.readable) == 1:
         # a split by path needs poses, which slam has not estimated yet
         measure = "time" if options.get("poses") == "slam" else "path"
-        return f"one more is needed, or parts={measure}:2 splits it, without train="
+        return f"one more is needed, or split={measure}:2 splits it, without train="
     return "one more is needed"
 
 

@@ -26,7 +26,7 @@ LISTS = (
     "submaps",
     "views",
     "birdviews",
-    "altered",
+    "perturbed",
     "labels",
     "maps",
     "models",
@@ -45,7 +45,7 @@ LISTS = (
 )
 """The names of all lists; dvc.yaml needs each of them, if it be empty."""
 STRUCTURE = ("demolition", "construction")
-"""Alterations of buildings, which only a method's own model is asked about.
+"""Perturbations of buildings, which only a method's own model is asked about.
 
 Variants and seeds differ in which headings they learned, and buildings do not matter for that.
 """
@@ -99,23 +99,23 @@ def _add_drives(lists: Lists, study: Study) -> None:
 
 
 def _add_views(lists: Lists, study: Study) -> None:
-    """Add the views that the methods look at, of the submaps as driven and altered."""
+    """Add the views that the methods look at, of the submaps unperturbed and perturbed."""
     for method in study.methods:
         for view in method.views:
             instance = f"{study.name}-{view}"
             names = {"dataset": study.name, "view": view}
             lists[method.stage][instance] = {**names, "sequences": " ".join(study.sequences)}
-            for alteration, altered_sequences in study.altered.items():
-                lists["altered"][f"{instance}-{alteration}"] = {
+            for perturbation, perturbed_sequences in study.perturbed.items():
+                lists["perturbed"][f"{instance}-{perturbation}"] = {
                     **names,
-                    "alteration": alteration,
-                    "sequences": " ".join(altered_sequences),
+                    "perturbation": perturbation,
+                    "sequences": " ".join(perturbed_sequences),
                 }
 
 
 def _add_labels(lists: Lists, study: Study) -> None:
     """Add the places of the submaps, at each cell size."""
-    labelled_sequences = study.sequences if study.asks_about_the_year else study.train
+    labelled_sequences = study.sequences if study.tests_over_days else study.train
     for grid in study.all_grids:
         lists["labels"][f"{study.name}-{grid.name}"] = {
             "grid": grid.name,
@@ -145,7 +145,7 @@ def _add_model(
             "simulated": _switch(study.simulated),
         }
         lists["lifelong"] |= courses_of_model(course, study, method)
-    if study.asks_about_the_year:
+    if study.tests_over_days:
         _add_answers(lists, study, grid, model, model_settings)
 
 
@@ -155,11 +155,11 @@ def courses_of_model(
     """The courses of one model, as instances of the stage `lifelong`: name to settings.
 
     A course is an order of the days that are learned after training, and a strategy to learn them.
-    The order `updates` has those that a site learns by its own poses. `model_settings` are the
-    settings of the model itself, which each instance takes too.
+    The order `self_training` has those that a site learns by its own poses. `model_settings` are
+    the settings of the model itself, which each instance takes too.
     """
     model = f"{study.name}-{model_settings['grid']}-{model_settings['model']}"
-    days_of_order = {"days": study.learned, "updates": study.updates}
+    days_of_order = {"days": study.learned, "self_training": study.self_training}
     return {
         f"{model}-{order}-{strategy}": {
             **model_settings,
@@ -200,15 +200,16 @@ def _add_answers(
     model: ModelName,
     model_settings: Mapping[str, Any],
 ) -> None:
-    """Add what a model answers, and its evaluation; at further cell sizes, only tests as driven."""
+    """Add what a model answers, and its evaluation; at further cell sizes, only tests
+    unperturbed."""
     dataset = study.name
     instance = _instance(study, grid, model)
     is_own_grid = grid in study.grids
-    tests = " ".join(study.asked_days if is_own_grid else study.tests)
-    alterations = _alterations_of(study, model) if is_own_grid else []
-    queries = {"tests": tests, "alterations": " ".join(alterations)}
-    if not study.altered:
-        _add_absent(lists, "altered", dataset, model_settings["view"])
+    tests = " ".join(study.query_days if is_own_grid else study.tests)
+    perturbations = _perturbations_of(study, model) if is_own_grid else []
+    queries = {"tests": tests, "perturbations": " ".join(perturbations)}
+    if not study.perturbed:
+        _add_absent(lists, "perturbed", dataset, model_settings["view"])
     lists["rankings"][instance] = {**model_settings, **queries}
     if is_own_grid and model.family in study.poses:
         lists["maps"][dataset] = {"dataset": dataset, "train": study.train_text}
@@ -235,10 +236,10 @@ def _add_answers(
             }
 
 
-def _alterations_of(study: Study, model: ModelName) -> list[str]:
-    """The alterations that a model is asked about."""
+def _perturbations_of(study: Study, model: ModelName) -> list[str]:
+    """The perturbations that a model is asked about."""
     is_methods_own = model == ModelName(model.method)
-    return [name for name in study.altered if is_methods_own or name not in STRUCTURE]
+    return [name for name in study.perturbed if is_methods_own or name not in STRUCTURE]
 
 
 def _instance(study: Study, grid: CellSize, answers: ModelName) -> str:
@@ -249,10 +250,10 @@ def _instance(study: Study, grid: CellSize, answers: ModelName) -> str:
 def _add_measurements(lists: Lists, study: Study) -> None:
     """Add timings, viewpoints and events, and the results that gather all numbers of the study."""
     dataset = study.name
-    is_evaluated = study.asks_about_the_year
+    is_evaluated = study.tests_over_days
     is_lifelong = study.learns_further_days
     is_timed = is_evaluated and study.latency
-    has_events = study.question == "robustness"
+    has_events = study.experiment == "robustness"
     has_viewpoints = bool(study.bird_view_methods) and not is_lifelong
     if is_timed:
         _add_latency(lists, study)
@@ -329,7 +330,7 @@ def _drive(study: Study) -> dict[str, str]:
     return {
         "world": study.world,
         "code": "worlds" if study.simulated else "pipeline/readers",
-        "heeds": study.origin["heeds"],
+        "reads": study.origin["reads"],
         "root": study.root,
     }
 

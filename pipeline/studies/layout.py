@@ -18,7 +18,7 @@ LEVELS = {
     "scans": ("dataset", "sequence"),
     "submaps": ("dataset", "sequence"),
     "views": ("dataset", "view", "sequence"),
-    "altered": ("dataset", "view", "alteration", "sequence"),
+    "perturbed": ("dataset", "view", "perturbation", "sequence"),
     "labels": ("dataset", "grid", "sequence"),
     "train": ("dataset", "grid", "model"),
     "localize": ("dataset", "grid", "model", "sequence"),

@@ -1,6 +1,6 @@
 """Splits a long list of drives into parts, each with a dvc.yaml and a lock file of its own.
 
-DVC writes a whole lock file anew for each instance of a stage that it runs, which would take hours
+DVC writes a whole lock file again for each instance of a stage that it runs, which would take hours
 for a thousand drives. So conf/lists.yaml has at most MOST drives in the list `drives`, and further
 ones in `drives_2` and so on; dag/logs-2/, dag/scans-2/ and so on run the stages on them.
 """

@@ -2,9 +2,9 @@
 
 1. Find the sequences that train and test (`discovery`).
 2. Make a study of them, with the choices in the data set's yaml (`first_choices`).
-3. Apply CHANGES to it one after another: the stress sequences of its world's preset, the scale, the
-   variants and seeds of each method, the question, altered queries, poses, and timing. Each is a
-   function that takes a study and returns a changed one.
+   3. Apply CHANGES to it one after another: the stress sequences of its world's preset, the scale,
+   the variants and seeds of each method, the experiment, perturbed queries, poses, and timing. Each
+   is a function that takes a study and returns a changed one.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,17 +13,17 @@ from pathlib import Path
 from typing import Any, cast
 
 from pipeline.core.errors import ConfigError
-from pipeline.readers.parts import Part
+from pipeline.readers.splits import Split
 from pipeline.running.texts import read_yaml
 from pipeline.studies.discovery import Drives, recorded_drives, simulated_drives
 from pipeline.studies.study import (
+    EXPERIMENTS,
     LIFELONG,
-    QUESTIONS,
     TOLERANCE,
     VIEWPOINTS,
     YEAR,
     CellSize,
-    Question,
+    Experiment,
     Study,
     StudyMethod,
     Tolerance,
@@ -32,30 +32,30 @@ from pipeline.studies.study import (
 )
 
 OPTIONS = (
-    "altered",
+    "perturbed",
     "budget",
     "cells",
     "latency",
     "methods",
     "paths",
     "poses",
-    "question",
+    "experiment",
     "scale",
     "seeds",
     "tests",
     "variants",
 )
-"""The options of `yearloc use` that a study takes, less those in NEEDLESS for its question."""
+"""The options of `yearloc use` that a study takes, less those in NEEDLESS for its experiment."""
 MOST_SEEDS = 100
 """The most models of a method that `seeds=` may ask for."""
 NEEDLESS = {
-    VIEWPOINTS: {"altered", "cells", "poses", "paths", "latency"},
-    LIFELONG: {"altered", "cells", "poses", "paths", "latency"},
+    VIEWPOINTS: {"perturbed", "cells", "poses", "paths", "latency"},
+    LIFELONG: {"perturbed", "cells", "poses", "paths", "latency"},
 }
-"""By question, the options of `yearloc use` that have no effect on its studies."""
+"""By experiment, the options of `yearloc use` that have no effect on its studies."""
 SLAM = "slam"
 """The word after `poses=` by which poses are estimated from the scans; other words name models."""
-REHEARSED = "rehearsed"
+REPLAYED = "replayed"
 """A method with this setting trains its network further; any other only grows its database."""
 PRESET = "demo"
 """The preset of a simulated world without the option `world=`: one of its files in conf/world."""
@@ -70,7 +70,7 @@ class Request:
     options: Mapping[str, str]
     """The words KEY=VALUE of `yearloc use`."""
     defaults: Mapping[str, Any]
-    """The study in the data set's yaml, with the changes that the question makes to it."""
+    """The study in the data set's yaml, with the changes that the experiment makes to it."""
 
     def has(self, option: str) -> bool:
         """Whether the person gave an option, be it empty."""
@@ -85,7 +85,7 @@ class Request:
         names = [name for name in dict.fromkeys(words) if name]
         for name in names:
             if name not in choices:
-                expected = "this question and these methods have none"
+                expected = "this experiment and these methods have none"
                 if choices:
                     expected = f"expected some of {', '.join(choices)}"
                 raise ConfigError(f"{option}={name}: {expected}")
@@ -105,14 +105,14 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> tuple[Study, l
     study.
     """
     dataset = read_yaml(file_of(conf, "dataset", name, f"no data set {name}: expected one of"))
-    question = cast(Question, options.get("question", YEAR))  # `_defaults` refuses any other
-    _refuse_unknown(name, dataset, question, options)
-    request = Request(conf, options, _defaults(conf, name, dataset["study"], question))
+    experiment = cast(Experiment, options.get("experiment", YEAR))  # `_defaults` refuses any other
+    _refuse_unknown(name, dataset, experiment, options)
+    request = Request(conf, options, _defaults(conf, name, dataset["study"], experiment))
     if dataset["simulated"]:
         drives = simulated_drives(conf, name, request.defaults, options)
     else:
         drives = recorded_drives(name, dataset["reader"], request.defaults, options)
-    study = first_choices(request, name, question, dataset["simulated"], drives)
+    study = first_choices(request, name, experiment, dataset["simulated"], drives)
     for change in CHANGES:
         study = change(study, request)
     refuse_unposed(study, dataset["reader"])
@@ -120,7 +120,7 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> tuple[Study, l
 
 
 def first_choices(
-    request: Request, name: str, question: Question, is_simulated: bool, drives: Drives
+    request: Request, name: str, experiment: Experiment, is_simulated: bool, drives: Drives
 ) -> Study:
     """The study of these drives with the choices of the data set's yaml.
 
@@ -138,7 +138,7 @@ def first_choices(
     file_of(conf, "budget", budget)
     return Study(
         name=name,
-        question=question,
+        experiment=experiment,
         simulated=is_simulated,
         world=drives.world,
         root=drives.root,
@@ -206,7 +206,7 @@ def with_models(study: Study, request: Request) -> Study:
     known_variants = set[str]()
     for name in names:
         known_variants |= variants_of_methods.get(name, {}).keys()
-    if study.question == VIEWPOINTS and not request.has("variants"):
+    if study.experiment == VIEWPOINTS and not request.has("variants"):
         variant_names = []  # each would train for minutes
     else:
         variant_names = request.names("variants", sorted(known_variants))
@@ -227,13 +227,13 @@ def with_models(study: Study, request: Request) -> Study:
     return replace(study, methods=tuple(methods))
 
 
-def with_question(study: Study, request: Request) -> Study:
-    """The study with what its question needs: `lifelong` needs further days and courses.
+def with_experiment(study: Study, request: Request) -> Study:
+    """The study with what its experiment needs: `lifelong` needs further days and courses.
 
     The courses of a method say in which order it learns these days, and by which strategies. Raises
-    ConfigError for methods that the question of viewpoints cannot be asked about.
+    ConfigError for methods that the experiment of viewpoints cannot be asked about.
     """
-    if study.question == VIEWPOINTS and len(study.bird_view_methods) < len(study.methods):
+    if study.experiment == VIEWPOINTS and len(study.bird_view_methods) < len(study.methods):
         raise ConfigError(
             f"methods={','.join(method.name for method in study.methods)}: only methods that look "
             "at bird-views can be asked about viewpoints"
@@ -245,7 +245,9 @@ def with_question(study: Study, request: Request) -> Study:
     methods = []
     for method in study.methods:
         settings = settings_of(request.conf, method.name)
-        courses_of_method = courses(request.defaults, settings, has_updates=bool(study.updates))
+        courses_of_method = courses(
+            request.defaults, settings, has_self_training=bool(study.self_training)
+        )
         methods.append(replace(method, courses=courses_of_method))
     return replace(study, methods=tuple(methods))
 
@@ -261,44 +263,49 @@ def with_further_days(
     """
     default_days = defaults.get("learned", {}).get(preset, study.tests[::2])
     learned_days = learned.split(",") if learned else list(default_days)
-    asked_days = [day for day in study.tests if day not in learned_days]
-    if not learned_days or not asked_days:
+    query_days = [day for day in study.tests if day not in learned_days]
+    if not learned_days or not query_days:
         raise ConfigError(
             f"learned={','.join(learned_days)}: expected some of several test sequences; the "
             "others are asked after each"
         )
     # a day that is asked about must not be learned
-    updates = [day for day in defaults.get("updates", {}).get(preset, ()) if day not in asked_days]
+    self_training = [
+        day for day in defaults.get("self_training", {}).get(preset, ()) if day not in query_days
+    ]
     return replace(
-        study, learned=tuple(learned_days), tests=tuple(asked_days), updates=tuple(updates)
+        study,
+        learned=tuple(learned_days),
+        tests=tuple(query_days),
+        self_training=tuple(self_training),
     )
 
 
 def courses(
-    defaults: Mapping[str, Any], settings: Mapping[str, Any], has_updates: bool
+    defaults: Mapping[str, Any], settings: Mapping[str, Any], has_self_training: bool
 ) -> dict[str, tuple[str, ...]]:
     """The strategies of each order for a method with these settings of its yaml.
 
     `defaults` has two tables: `trained` for methods that train further, and `courses` for others.
-    The order `updates` is left out unless the study has such days (`has_updates`).
+    The order `self_training` is left out unless the study has such days (`has_self_training`).
     """
-    trains_further = REHEARSED in settings
+    trains_further = REPLAYED in settings
     strategies_of_orders = defaults["trained" if trains_further else "courses"]
     return {
         order: tuple(strategies)
         for order, strategies in strategies_of_orders.items()
-        if order != "updates" or has_updates
+        if order != "self_training" or has_self_training
     }
 
 
-def with_alterations(study: Study, request: Request) -> Study:
-    """The study with altered queries of some test sequences, and with further cell sizes."""
-    # the data set's yaml says how many test sequences each alteration alters
-    sequences_of_alterations = {
+def with_perturbations(study: Study, request: Request) -> Study:
+    """The study with perturbed queries of some test sequences, and with further cell sizes."""
+    # the data set's yaml says how many test sequences each perturbation perturbs
+    sequences_of_perturbations = {
         name: tuple(evenly_chosen([*study.tests], number))
-        for name, number in request.defaults.get("altered", {}).items()
+        for name, number in request.defaults.get("perturbed", {}).items()
     }
-    alterations = request.names("altered", [*sequences_of_alterations])
+    perturbations = request.names("perturbed", [*sequences_of_perturbations])
     cells = request.defaults.get("cells", [])
     if request.has("cells"):
         grid_files = sorted((request.conf / "grid").glob("*.yaml"))
@@ -307,7 +314,7 @@ def with_alterations(study: Study, request: Request) -> Study:
         )
     return replace(
         study,
-        altered={name: sequences_of_alterations[name] for name in alterations},
+        perturbed={name: sequences_of_perturbations[name] for name in perturbations},
         cells=tuple(CellSize.read(request.conf, cell) for cell in cells),
     )
 
@@ -337,7 +344,7 @@ def _posed_families(study: Study, request: Request) -> list[str]:
     families = [model.family for model in study.models if not model.seed]
     if request.options.get("poses", SLAM) != SLAM:
         return [name for name in request.names("poses", [*families, SLAM]) if name != SLAM]
-    if "poses" in NEEDLESS.get(study.question, set()):
+    if "poses" in NEEDLESS.get(study.experiment, set()):
         return []
     default_families = request.defaults.get("poses", ())
     if study.simulated and default_families:
@@ -355,19 +362,19 @@ def with_timing(study: Study, request: Request) -> Study:
 
 
 def _refuse_unknown(
-    name: str, dataset: Mapping[str, Any], question: str, options: Mapping[str, str]
+    name: str, dataset: Mapping[str, Any], experiment: str, options: Mapping[str, str]
 ) -> None:
-    """Raise ConfigError for an option that a data set or a question does not take."""
+    """Raise ConfigError for an option that a data set or a experiment does not take."""
     allowed = set(OPTIONS)
-    allowed |= {"learned"} if question == LIFELONG else set()
-    allowed |= {"world"} if dataset["simulated"] else {"root", "log", "parts", "train"}
-    needless = NEEDLESS.get(question, set())
+    allowed |= {"learned"} if experiment == LIFELONG else set()
+    allowed |= {"world"} if dataset["simulated"] else {"root", "log", "split", "train"}
+    needless = NEEDLESS.get(experiment, set())
     for option in needless:
         switches_off = options.get(option) in ("", "no")
         if not switches_off:  # to switch off what is off anyway is allowed
             allowed.discard(option)
     if unknown := sorted(set(options) - allowed):
-        request = f"{name} question={question}" if needless else name
+        request = f"{name} experiment={experiment}" if needless else name
         raise ConfigError(
             f"{request} has no option {unknown[0]}: expected {', '.join(sorted(allowed))}"
         )
@@ -375,32 +382,35 @@ def _refuse_unknown(
 
 def refuse_unposed(study: Study, reader: Mapping[str, Any]) -> None:
     """Raise ConfigError if logs have no poses, and these cannot or shall not be estimated."""
-    for key in ("truth", "poses"):  # the keys by which readers name the source of poses
+    for key in ("ground_truth", "poses"):  # the keys by which readers name the source of poses
         if key in reader and not reader[key] and not study.slam:
             raise ConfigError(
                 f"{study.name}: reader.{key} of its yaml names no poses; say poses=slam, and "
                 "they are estimated from the scans"
             )
     for sequence in study.sequences if study.slam else ():
-        _, part = Part.named(sequence)
-        if part and part.needs_path:
+        _, split = Split.named(sequence)
+        if split and split.needs_path:
             raise ConfigError(
                 f"{sequence}: a part by path, which is not known before poses=slam has estimated "
-                "it; split the log by time, as in parts=time:2"
+                "it; split the log by time, as in split=time:2"
             )
 
 
-def _defaults(conf: Path, name: str, study: Mapping[str, Any], question: str) -> Mapping[str, Any]:
-    """The study in a data set's yaml, with the changes of conf/question and of the yaml itself."""
+def _defaults(
+    conf: Path, name: str, study: Mapping[str, Any], experiment: str
+) -> Mapping[str, Any]:
+    """The study in a data set's yaml, with the changes of conf/experiment and of the yaml
+    itself."""
     # a data set can be asked about viewpoints only if its yaml has a table for them
-    questions = [word for word in QUESTIONS if word != VIEWPOINTS or word in study]
-    if question not in questions:
-        raise ConfigError(f"question={question}: of {name} expected {' or '.join(questions)}")
-    # the sequences of viewpoints are whole logs, where other questions may split one into parts
-    changes_of_logs = {"parts": False} if question == VIEWPOINTS else {}
-    question_file = conf / "question" / f"{question}.yaml"
-    general_changes = read_yaml(question_file) if question_file.is_file() else {}
-    own_changes = study.get(question, {})
+    experiments = [word for word in EXPERIMENTS if word != VIEWPOINTS or word in study]
+    if experiment not in experiments:
+        raise ConfigError(f"experiment={experiment}: of {name} expected {' or '.join(experiments)}")
+    # the sequences of viewpoints are whole logs, where other experiments may split one into parts
+    changes_of_logs = {"split": False} if experiment == VIEWPOINTS else {}
+    experiment_file = conf / "experiment" / f"{experiment}.yaml"
+    general_changes = read_yaml(experiment_file) if experiment_file.is_file() else {}
+    own_changes = study.get(experiment, {})
     defaults = {**study, **changes_of_logs, **general_changes, **own_changes}
     if "variants" in general_changes and "variants" in own_changes:
         general_variants = general_changes["variants"]
@@ -425,8 +435,8 @@ CHANGES = (
     with_stress,
     with_scale,
     with_models,
-    with_question,
-    with_alterations,
+    with_experiment,
+    with_perturbations,
     with_poses,
     with_timing,
 )

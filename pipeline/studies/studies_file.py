@@ -56,7 +56,7 @@ def read_studies(conf: Path) -> dict[str, Study]:
     ):
         raise ConfigError(
             f"{path}: expected `studies:` with a study for each data set; `yearloc use campus` "
-            "writes it anew"
+            "rewrites it"
         )
     studies_by_name = {name: Study.of(conf, name, table) for name, table in tables.items()}
     for study in studies_by_name.values():
@@ -69,12 +69,12 @@ def refuse_unknown(conf: Path, study: Study) -> None:
 
     - it names a file that conf/ does not have,
     - it says that it is simulated though its data set is recorded, or the other way round, or
-    - it wants poses of altered level sweeps.
+    - it wants poses of perturbed level sweeps.
     """
-    if study.poses and study.altered and study.submap.startswith(LEVEL):
+    if study.poses and study.perturbed and study.submap.startswith(LEVEL):
         raise ConfigError(
             f"{study.name}: poses={','.join(study.poses)}: level sweeps (submap {study.submap}) "
-            "are localised as driven alone; leave poses or altered out"
+            "are localised unperturbed alone; leave poses or perturbed out"
         )
     views = dict.fromkeys(view for method in study.methods for view in method.views)
     files = {
@@ -82,7 +82,7 @@ def refuse_unknown(conf: Path, study: Study) -> None:
         "world": [study.world],
         "submap": [study.submap],
         "budget": [study.budget],
-        "alteration": study.altered,
+        "perturbation": study.perturbed,
         "view": views,
         "path": study.paths,
     }
@@ -114,7 +114,7 @@ def check_lists(studies: Mapping[str, Study], lists: Any) -> None:
     if any(joined_lists.get(name) != instances for name, instances in expected_lists.items()):
         raise ConfigError(
             "conf/lists.yaml does not follow from conf/studies.yaml; `yearloc use` generates it "
-            "anew"
+            "again"
         )
 
 

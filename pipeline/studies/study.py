@@ -1,9 +1,9 @@
 """A study: which days are learned, which days are asked about, and which methods are compared.
 
-A study has one of four questions.
+A study has one of four experiments.
 - `year`: how does a localiser last over a year? Methods on bird-views are judged with turned robots
   besides (DOM and PFL, IROS 2018).
-- `robustness`: the same, also with altered queries, stress sequences (drives that are hard in one
+- `robustness`: the same, also with perturbed queries, stress sequences (drives that are hard in one
   way), other cell sizes, and variants of the methods.
 - `viewpoints`: turned robots alone, on sequences that share no place with training.
 - `lifelong`: what does a model answer after it learned further days ?
@@ -27,8 +27,8 @@ YEAR: Final = "year"
 ROBUSTNESS: Final = "robustness"
 VIEWPOINTS: Final = "viewpoints"
 LIFELONG: Final = "lifelong"
-Question = Literal["year", "robustness", "viewpoints", "lifelong"]
-QUESTIONS = get_args(Question)
+Experiment = Literal["year", "robustness", "viewpoints", "lifelong"]
+EXPERIMENTS = get_args(Experiment)
 Stage = Literal["views", "birdviews"]
 VIEWS: Final = "views"
 """The stage that draws views of single submaps."""
@@ -40,16 +40,16 @@ EMPTY: tuple[object, ...] = ("", [], {}, None)
 """Values of a key in conf/studies.yaml that count as if it were left out."""
 TOLERANCE = "15m"
 """How near an answer must be if a study does not say it: a file of conf/tolerance."""
-SIMULATED = {"source": "world", "heeds": "simulated"}
-RECORDED = {"source": "readers", "heeds": "reader"}
+SIMULATED = {"source": "world", "reads": "simulated"}
+RECORDED = {"source": "readers", "reads": "reader"}
 """Where the logs of a simulated and of a recorded study come from.
 
-`source` says what provides the logs: a simulated world, or a reader of recorded ones. `heeds` is
+`source` says what provides the logs: a simulated world, or a reader of recorded ones. `reads` is
 the key of the data set's yaml that they depend on: `reader` if they are recorded, else only
 `simulated`.
 """
 KEYS = (
-    "question",
+    "experiment",
     "world",
     *SIMULATED,
     "root",
@@ -58,11 +58,11 @@ KEYS = (
     "tests",
     "budget",
     "learned",
-    "updates",
+    "self_training",
     "submap",
     "grids",
     "methods",
-    "altered",
+    "perturbed",
     "cells",
     "stress",
     "poses",
@@ -179,7 +179,7 @@ class Study:
 
     name: str
     """The name of the data set, a file of conf/dataset; the study is called the same."""
-    question: Question
+    experiment: Experiment
     simulated: bool
     """Whether the logs were driven in a simulated world, not recorded."""
     world: str
@@ -201,11 +201,11 @@ class Study:
     tolerance: Tolerance
     """How near an answer must be to be right."""
     learned: tuple[str, ...] = ()
-    """Sequences with surveyed poses that models learn after training."""
-    updates: tuple[str, ...] = ()
+    """Sequences with reference poses that models learn after training."""
+    self_training: tuple[str, ...] = ()
     """Sequences that a site learns by its own poses."""
-    altered: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """For each alteration (a file of conf/alteration) the test sequences that it alters."""
+    perturbed: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """For each perturbation (a file of conf/perturbation) the test sequences that it perturbs."""
     cells: tuple[CellSize, ...] = ()
     """Further cell sizes, at which only the methods' own models are asked."""
     stress: Mapping[str, str] = field(default_factory=dict)
@@ -225,7 +225,7 @@ class Study:
     def of(cls, conf: Path, name: str, table: Mapping[str, Any]) -> Self:
         """Read the study `name` of conf/studies.yaml.
 
-        Whoever writes it by hand may leave out the question, and each method's view, code and
+        Whoever writes it by hand may leave out the experiment, and each method's view, code and
         stage. Raises ConfigError for a key that is missing or unknown, for a value of a wrong type,
         and for a grid, tolerance or method that conf/ has no file of.
         """
@@ -234,12 +234,12 @@ class Study:
             origin = {key: table.get(key) for key in SIMULATED}
             if origin not in (SIMULATED, RECORDED):
                 raise ConfigError(
-                    f"source={origin['source']} and heeds={origin['heeds']}: expected world and "
+                    f"source={origin['source']} and reads={origin['reads']}: expected world and "
                     "simulated, or readers and reader"
                 )
             filled_keys = {key: value for key, value in table.items() if value not in EMPTY}
             settings = {
-                "question": YEAR,
+                "experiment": YEAR,
                 "tolerance": TOLERANCE,
                 **filled_keys,
                 "name": name,
@@ -249,7 +249,7 @@ class Study:
             return filled(cls, settings, partial(_of_conf, conf))
 
     def table(self) -> dict[str, Any]:
-        """The study as conf/studies.yaml has it, with its question."""
+        """The study as conf/studies.yaml has it, with its experiment."""
         values = {
             **{field.name: plain(getattr(self, field.name)) for field in fields(self)},
             **self.origin,
@@ -261,7 +261,7 @@ class Study:
         defaults = {"tolerance": TOLERANCE, "latency": True}
         table: dict[str, Any] = {}
         # a dict of keys, as a set that keeps their order
-        for key in dict.fromkeys(("question", *self.key_order, *KEYS)):
+        for key in dict.fromkeys(("experiment", *self.key_order, *KEYS)):
             value = values[key]
             is_default = value == defaults[key] if key in defaults else not value
             if key in self.key_order or not is_default:
@@ -270,7 +270,7 @@ class Study:
 
     @property
     def origin(self) -> Mapping[str, str]:
-        """Where its logs come from: the keys `source` and `heeds`."""
+        """Where its logs come from: the keys `source` and `reads`."""
         return SIMULATED if self.simulated else RECORDED
 
     @property
@@ -279,22 +279,22 @@ class Study:
         return " ".join(self.train)
 
     @property
-    def asks_about_the_year(self) -> bool:
-        """Whether its question is `year` or `robustness`: the tests revisit training's places."""
-        return self.question in (YEAR, ROBUSTNESS)
+    def tests_over_days(self) -> bool:
+        """Whether its experiment is `year` or `robustness`: the tests revisit training's places."""
+        return self.experiment in (YEAR, ROBUSTNESS)
 
     @property
     def learns_further_days(self) -> bool:
-        """Whether its question is `lifelong`: models learn days after training."""
-        return self.question == LIFELONG
+        """Whether its experiment is `lifelong`: models learn days after training."""
+        return self.experiment == LIFELONG
 
     @property
     def sequences(self) -> tuple[str, ...]:
         """All sequences: those of training, tests and stress, and further days."""
-        return (*self.train, *self.tests, *self.stress, *self.learned, *self.updates)
+        return (*self.train, *self.tests, *self.stress, *self.learned, *self.self_training)
 
     @property
-    def asked_days(self) -> tuple[str, ...]:
+    def query_days(self) -> tuple[str, ...]:
         """The sequences whose queries are judged: tests and stress."""
         return (*self.tests, *self.stress)
 

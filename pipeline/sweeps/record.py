@@ -39,7 +39,7 @@ class Record:
     """Why the job failed, in one line."""
     rows: Sequence[Mapping[str, Any]] = ()
     """Rows of the table of results. Each is one number of one test sequence, for queries that are
-    not altered. One further row, of no sequence, is the AUC on held-out blocks of training."""
+    not perturbed. One further row, of no sequence, is the AUC on validation blocks of training."""
     from_dvc: Mapping[str, int] = field(default_factory=dict)
     """How many artifacts of each stage DVC had built already."""
     from_sweeps: Mapping[str, int] = field(default_factory=dict)
@@ -62,9 +62,9 @@ class Record:
         return [*values[np.isfinite(values)]]
 
     @property
-    def held_out_auc(self) -> float | None:
-        """The AUC by cells on held-out blocks of training, or None if it was not measured."""
-        return next(iter(self.values("cells", "held_out_auc")), None)
+    def validation_auc(self) -> float | None:
+        """The AUC by cells on validation blocks of training, or None if it was not measured."""
+        return next(iter(self.values("cells", "validation_auc")), None)
 
     def write(self, folder: Path) -> None:
         """Write the record as `number`.json into a folder, whole or not at all.

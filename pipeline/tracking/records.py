@@ -38,7 +38,7 @@ CHARTED = {
     "cells_auc_top1": ("cells", "auc_top1"),
     "cells_recall_at_1": ("cells", "recall_at_1"),
     "distance_recall_at_1": ("distance", "recall_at_1"),
-    "held_out_auc": ("cells", "held_out_auc"),
+    "validation_auc": ("cells", "validation_auc"),
 }
 NOT_OF_JOBS = ("queries", "turned_share")  # numbers that a sweep's jobs do not show
 # Numbers by cells that are shown for each kind of novelty, and how they are called there.
@@ -223,7 +223,7 @@ def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:
     study = study_runs.study
     rows = pick(study_runs.rows, ask=COURSE)
     rows = rows[np.isfinite(rows["value"])]
-    # a course is the order and the strategy, such as `days grown`
+    # a course is the order and the strategy, such as `days incremental`
     strategies = rows["of"].str.partition(" ")[2].unique().tolist()
     for (name, model), group in rows.groupby(["of", "model"], sort=False):
         order, _, strategy = name.partition(" ")
@@ -256,7 +256,7 @@ def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:
                 "course.md.j2",
                 **course,
                 steps=steps,
-                asked=study.tests,
+                queried=study.tests,
                 seeds=seeds,
                 simulated=study.simulated,
             ),
@@ -266,7 +266,7 @@ def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:
 
 def _trained_on(study: Study, steps: Sequence[str]) -> Study:
     """The study as if trained on its steps, so that `used_sequences` names what they learned."""
-    sequences = {*study.train, *study.learned, *study.updates}
+    sequences = {*study.train, *study.learned, *study.self_training}
     # a step may also be a part of a day, which is no sequence
     return replace(study, train=tuple(step for step in steps if step in sequences))
 
@@ -403,12 +403,12 @@ def viewpoint_series(rows: pd.DataFrame) -> Series:
 def step_series(rows: pd.DataFrame) -> Series:
     """Each number of a strategy over its steps: the mean over the seeds.
 
-    The recall of each asked day, or part of the site, is in a group of its own.
+    The recall of each queried day, or part of the site, is in a group of its own.
     """
     # rows without a protocol are costs, such as the number of places
     plain_names = rows["protocol"].replace("", "cost") + "/" + rows["number"]
-    asked_day_names = "recall_by_" + rows["protocol"] + "/" + rows["sequence"]
-    names = plain_names.where(rows["number"] != "recall_at_1", asked_day_names)
+    query_day_names = "recall_by_" + rows["protocol"] + "/" + rows["sequence"]
+    names = plain_names.where(rows["number"] != "recall_at_1", query_day_names)
     averaged = rows.assign(metric=names).groupby(["metric", "at"])["value"].mean().reset_index()
     return _points(averaged, averaged["metric"], "at")  # `at` is the step
 

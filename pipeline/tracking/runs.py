@@ -103,11 +103,11 @@ class RunRecord:
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def experiment_of(dataset: str, simulated: bool, question: str = "") -> str:
+def experiment_of(dataset: str, simulated: bool, experiment: str = "") -> str:
     """The name of a data set's experiment, which every page of it has as its heading."""
     name = f"yearloc {dataset}"
-    if question:
-        name += f" {question}"
+    if experiment:
+        name += f" {experiment}"
     return f"{name} (simulated)" if simulated else name
 
 

@@ -14,20 +14,20 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.alterations import Case
 from pipeline.core import store
 from pipeline.core.compute import Compute
 from pipeline.core.errors import ArtifactError
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import Scans, Submaps, Views
 from pipeline.mapping.gathering import submap_points
+from pipeline.perturbations import Case
 
 BLOCK = 64
 """Number of views drawn and written together."""
 BLANK_BELOW = 0.01
 """A view whose values are all below this, in metres or its own unit, shows nothing."""
-AS_DRIVEN = [asdict(Case())]
-"""The `cases` of an artifact whose queries are as they were driven, not altered."""
+UNCHANGED = [asdict(Case())]
+"""The `cases` of an artifact whose queries are as they were driven, not perturbed."""
 
 
 class View(Protocol):
@@ -63,7 +63,7 @@ class Drawing:
     def blocks(self, compute: Compute) -> Iterator[NDArray[Any]]:
         """Yield the images (BLOCK or fewer, …) of one block of submaps after the other.
 
-        Submaps that share scans are drawn in order by one process, so that each scan is laid out
+        Submaps that share scans are drawn in order by one process, so that each scan is placed
         only once.
         """
         if self.one_scan_each:
@@ -83,7 +83,7 @@ class Drawing:
             self.blocks(compute), math.ceil(len(self) / BLOCK), f"draw {path.stem}"
         )
         count = blank = 0
-        with store.draft(path, schema, cases=AS_DRIVEN) as out:
+        with store.draft(path, schema, cases=UNCHANGED) as out:
             for images in blocks:
                 out.append("images", images)
                 count += len(images)

@@ -21,7 +21,7 @@ BLOCK = 256
 COPIES = 4
 """Number of separate tables of counts."""
 QUICK = 16
-"""The number of sectors that signs and a slope can tell apart. With any other number, all bins are
+"""The number of sectors that signs and a slope can distinguish. With any other number, all bins are
 found in float64."""
 GRAY = np.array([0, 1, 3, 2])
 """Sector within a quadrant, counted from the x axis, for each code of two bits. The upper bit is

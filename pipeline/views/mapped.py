@@ -24,7 +24,7 @@ class MappedViews(Drawing):
     """Iterates over the bird-views of a submaps artifact."""
 
     view: BirdView
-    alter: Callable[[int, NDArray[np.float64]], NDArray[np.float64]] | None = None
+    perturb: Callable[[int, NDArray[np.float64]], NDArray[np.float64]] | None = None
     """A function that changes a scan before it is inserted: it takes the scan's row and its points
     (n, 3), z up from the ground, and returns the changed points."""
     complaint: ClassVar[str] = (
@@ -61,12 +61,12 @@ class MappedViews(Drawing):
         octree_map = self.view.octree.grow()
         number = 0
         for row, points in scan_points(self.scans, 0, int(anchors[-1]) + 1):
-            # 1. Put the scan on the ground, and alter it if wanted.
+            # 1. Put the scan on the ground, and perturb it if wanted.
             scan_T_ground = np.eye(4)
             scan_T_ground[2, 3] = ground_m[number]
             points = points - scan_T_ground[:3, 3]
-            if self.alter:
-                points = self.alter(row, points)
+            if self.perturb:
+                points = self.perturb(row, points)
 
             # 2. Insert it into the map at its pose.
             has_odometry = np.isfinite(odom_T_scan[row]).all()

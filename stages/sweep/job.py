@@ -23,10 +23,10 @@ from omegaconf.errors import OmegaConfBaseException
 
 from pipeline.core import store
 from pipeline.core.errors import ConfigError, YearlocError
-from pipeline.evaluation.held_out import held_out_auc
-from pipeline.evaluation.judgement import Evaluations
+from pipeline.evaluation.evaluations import Evaluations
 from pipeline.evaluation.rows import TableRows, evaluation_rows, row
-from pipeline.matching.rejection import Evidence
+from pipeline.evaluation.validation import validation_auc
+from pipeline.matching.rejection import NoveltyEvidence
 from pipeline.running.dvc_files import definition
 from pipeline.studies.studies_file import read_listed_studies
 from pipeline.studies.study import Study
@@ -54,7 +54,7 @@ ConfigStore.instance().store("stage_fields", OmegaConf.create(own_fields()))
 
 @hydra.main(version_base="1.3", config_path=str(ROOT / "conf"), config_name="sweep")
 def job(cfg: DictConfig) -> float:
-    """Run one job; returns the AUC on held-out blocks, which an optimising sweeper maximises.
+    """Run one job; returns the AUC on validation blocks, which an optimising sweeper maximises.
 
     It is NaN if the job failed.
     """
@@ -85,7 +85,7 @@ def job(cfg: DictConfig) -> float:
     record.write(Path(hydra_run.sweep.dir))
     if record.error:
         print(f"job {record.number} failed: {record.error}", file=sys.stderr, flush=True)
-    return math.nan if record.held_out_auc is None else record.held_out_auc
+    return math.nan if record.validation_auc is None else record.validation_auc
 
 
 def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> dict[str, Any]:
@@ -119,9 +119,9 @@ def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> di
 
     study = all_studies[dataset]
     artifacts, step_of = plan(study)
-    # Altered queries take long: they are ranked only where DVC has the rankings already.
+    # Perturbed queries take long: they are ranked only where DVC has the rankings already.
     if not artifacts.dvc_has(step_of["localize"]):
-        artifacts, step_of = plan(replace(study, altered={}))
+        artifacts, step_of = plan(replace(study, perturbed={}))
     # Without fields for paths and names, on which this setting does not depend.
     unseen_share = composer.config(step_of["localize"], {}).rejection.unseen_share
     # This finds or builds the artifacts, so it comes before their counts are read.
@@ -136,9 +136,9 @@ def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> di
 def results(
     artifacts: ArtifactResolver, evaluate: Step, train: Step, unseen_share: float
 ) -> TableRows:
-    """The job's rows of results: its test sequences as driven, and its AUC on held-out blocks.
+    """The job's rows of results: its test sequences unperturbed, and its AUC on validation blocks.
 
-    The AUC is a row as well, from which `Record.held_out_auc` takes it.
+    The AUC is a row as well, from which `Record.validation_auc` takes it.
     """
     folder = artifacts.obtain(evaluate.outs[0])
     sequences = evaluate.fields["sequences"].split()
@@ -153,5 +153,5 @@ def results(
             {"sequence": sequence, "days": evaluation.days, **columns}
             for columns in evaluation_rows(evaluation)
         )
-    evidence = Evidence.of(store.read_model(artifacts.obtain(train.outs[0])))
-    yield row("held_out_auc", "cells", held_out_auc(evidence, kind, unseen_share))
+    evidence = NoveltyEvidence.of(store.read_model(artifacts.obtain(train.outs[0])))
+    yield row("validation_auc", "cells", validation_auc(evidence, kind, unseen_share))

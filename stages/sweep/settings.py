@@ -64,7 +64,7 @@ def lists_of_job(study: Study, overrides: Mapping[str, str], method_view: str) -
     study's first. `method_view` is the view of the job's method in its yaml. Raises ConfigError for
     a study that does not ask about the year.
     """
-    if not study.asks_about_the_year:
+    if not study.tests_over_days:
         raise ConfigError(
             f"dataset={study.name}: judges turned robots alone; a sweep compares over the year, "
             "see `yearloc use`"

@@ -193,7 +193,7 @@ def test_every_heading_must_agree_and_three_trainings() -> None:
 def test_an_error_is_better_where_it_is_less() -> None:
     drawn, black = (
         Side("street", "suburb", "pfl", number, "", ask=VIEWPOINT)
-        for number in ("held_out_error", "black_error")
+        for number in ("validation_error", "black_error")
     )
     measure = at_every_heading(drawn, black, sign=-1)
     for value, expected in (
@@ -259,9 +259,9 @@ def test_a_kept_table_has_the_rows_that_findings_read_and_says_what_made_it(tmp_
     assert list(again.frames) == ["compare"]
     assert again.frames["compare"]["value"].tolist() == pytest.approx([0.8, 0.9, 0.6, 0.7])
     origin = dict(again.origins["compare"])
-    told = origin.pop("studies")["campus"]
-    assert (told["world"], told["budget"]) == ("campus_demo", "demo")
-    assert told["methods"] == [{"name": "sci", "view": "scan_context_authors"}]
+    reported = origin.pop("studies")["campus"]
+    assert (reported["world"], reported["budget"]) == ("campus_demo", "demo")
+    assert reported["methods"] == [{"name": "sci", "view": "scan_context_authors"}]
     assert origin == {
         "use": "campus world=demo",
         "cost": "minutes",
@@ -312,7 +312,7 @@ def test_a_row_says_number_data_and_why_and_headlines_stand_on_top(tmp_path: Pat
     text = page(kept.read(tmp_path))
     assert (
         "- **M2DP loses nearly all to two walls**: its AUC is 0.100 [.09, .11], and "
-        "0.500 [.49, .51] as driven." in text
+        "0.500 [.49, .51] unperturbed." in text
     )
     assert (
         "| `m2dp` 2 new walls 0.100 [.09, .11], `m2dp` 0.500 [.49, .51]; nothing is trained "
@@ -337,7 +337,7 @@ def test_a_headline_says_when_its_interval_is_too_wide(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("kept_auc", "expected"), [(1.0, CONTRADICTED), (0.7, SHOWN), (0.91, UNDECIDED)]
 )
-def test_altered_queries_are_held_against_the_same_ones_as_driven(
+def test_perturbed_queries_are_held_against_the_same_ones_unperturbed(
     kept_auc: float, expected: str
 ) -> None:
     # Two intervals of ±.2 tell nothing; drawn together, the share is known to ±.05.

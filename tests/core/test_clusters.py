@@ -1,4 +1,5 @@
-"""Dask's workers: the same results as threads, what a killed worker costs, and errors in one line."""
+"""Dask's workers: the same results as threads, what a killed worker costs, and errors in one
+line."""
 
 import gc
 import os

@@ -8,10 +8,10 @@ from pipeline.core.frames import (
     Trajectory,
     days_between,
     flip_ned,
-    moved,
     pose,
     rpy,
     step_lengths_m,
+    transformed,
     travelled_m,
     yaw,
 )
@@ -29,11 +29,11 @@ def test_a_heading_of_90_degrees_turns_forward_into_left() -> None:
     # The body stands at (10, 20, 1) and looks along +y: 2 m ahead of it is (10, 22, 1), 1 m to its
     # left (9, 20, 1).
     world_T_body = poses((10, 20, 1, 90))[0]
-    points = moved(world_T_body, np.array([[2, 0, 0], [0, 1, 0]], np.float32))
+    points = transformed(world_T_body, np.array([[2, 0, 0], [0, 1, 0]], np.float32))
     np.testing.assert_allclose(points, [[10, 22, 1], [9, 20, 1]], atol=1e-6)
     plane_T_body = world_T_body[[0, 1, 3]][:, [0, 1, 3]]
     for pose_of_plane in (world_T_body, plane_T_body):
-        np.testing.assert_allclose(moved(pose_of_plane, np.array([[2.0, 0]])), [[10, 22]])
+        np.testing.assert_allclose(transformed(pose_of_plane, np.array([[2.0, 0]])), [[10, 22]])
         assert yaw(pose_of_plane) == pytest.approx(np.pi / 2)
 
 

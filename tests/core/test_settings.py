@@ -8,9 +8,6 @@ from typing import Literal
 import pytest
 import yaml
 
-from pipeline.alterations.construction import Construction
-from pipeline.alterations.demolition import Demolition
-from pipeline.alterations.turned import Turned
 from pipeline.core.compute import Compute
 from pipeline.core.errors import ConfigError
 from pipeline.core.progress import Progress
@@ -27,6 +24,9 @@ from pipeline.methods.scan_context import ScanContext50
 from pipeline.methods.scan_context_all import ScanContextAll
 from pipeline.methods.sci import Sci
 from pipeline.methods.sci_ring.sci_ring import SciRing
+from pipeline.perturbations.construction import Construction
+from pipeline.perturbations.demolition import Demolition
+from pipeline.perturbations.turned import Turned
 from pipeline.views.birdview import BirdView
 from pipeline.views.cloud import Cloud
 from pipeline.views.m2dp import M2dp as M2dpView
@@ -90,10 +90,10 @@ WRONG = [
     (BirdView, "view.headings", 12),
     (SingleScan, "submap.step_m", float("nan")),
     (Accumulated, "submap.ground_percentile", 101.0),
-    (Turned, "alteration.repeats", 1.5),
-    (Demolition, "alteration.widths_deg", [360]),
-    (Construction, "alteration.walls", []),
-    (Construction, "alteration.lowest_m", 11),
+    (Turned, "perturbation.repeats", 1.5),
+    (Demolition, "perturbation.widths_deg", [360]),
+    (Construction, "perturbation.walls", []),
+    (Construction, "perturbation.lowest_m", 11),
     (Compute, "compute.workers", "many"),
 ]
 

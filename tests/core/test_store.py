@@ -173,7 +173,7 @@ def test_a_block_that_fails_leaves_the_old_artifact(tmp_path: Path) -> None:
     assert contents(tmp_path) == before
 
 
-def test_an_interruption_is_told_where_a_thread_still_writes(
+def test_an_interruption_is_reported_where_a_thread_still_writes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(path: Path) -> None:
@@ -277,7 +277,7 @@ RECIPE = {
     "epochs": 200,
     "seed": 0,
     "view": "scan_context",
-    "held_out_every_m": 40.0,
+    "validation_every_m": 40.0,
     "dropout": 0.7,
 }
 

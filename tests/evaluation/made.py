@@ -9,20 +9,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.alterations import Case
 from pipeline.core import store
 from pipeline.core.frames import pose
 from pipeline.core.schemas import Labels
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.counts import TOP_N, Counts, is_right_at
+from pipeline.evaluation.evaluations import Evaluation, Evaluations
 from pipeline.evaluation.judge import judge
-from pipeline.evaluation.judgement import Evaluation, Evaluations
-from pipeline.evaluation.protocols import Distance, Truth
-from pipeline.evaluation.viewpoints import ViewpointMatches
+from pipeline.evaluation.protocols import Distance, GroundTruth
+from pipeline.evaluation.viewpoint_matches import ViewpointMatches
 from pipeline.matching.ranking import Ranking
+from pipeline.perturbations import Case
 
 SEEN = np.array([1, 1, 1, 0, 1, 0], bool)
-TOY = Truth(SEEN, ~SEEN, np.array([0, 1, 0, -1, 0, -1]), np.array([1, 1, 1, 0, 0, 0], bool))
+TOY = GroundTruth(SEEN, ~SEEN, np.array([0, 1, 0, -1, 0, -1]), np.array([1, 1, 1, 0, 0, 0], bool))
 NOVELTY = np.array([0.1, 0.2, 0.3, 0.4, 0.6, 0.7], np.float32)
 THRESHOLDS = np.array([0.15, 0.25, 0.35, 0.5, 0.65, 1.0])
 """The toy of METHODS.md 2.7: six queries, the second of them placed wrong (its true place is ranked
@@ -44,8 +44,9 @@ SCI = Ranking(
     heading_deg=NAN[:, None],
     kinds=("entropy", "energy"),
 )
-"""The outcomes by cells: hit, miss, false alarm (200 m off), false alarm (next cell, 6 m off), hit
-(turned around), false alarm (unseen), correct rejection; by distance the fourth is a hit."""
+"""The outcomes by cells: true positive, false negative, false positive (200 m off), false positive
+(next cell, 6 m off), true positive (turned around), false positive (unseen), true negative; by
+distance the fourth is a true positive."""
 M2DP = replace(
     SCI,
     places=np.array([[1], [9], [3], [9], [9], [9], [9]]),
@@ -139,7 +140,10 @@ def judged(correct: np.ndarray, score: np.ndarray) -> ViewpointMatches:
 
 
 def count(
-    truth: Truth, novelty: NDArray[Any], thresholds: NDArray[np.float64], top_n: int = TOP_N
+    ground_truth: GroundTruth,
+    novelty: NDArray[Any],
+    thresholds: NDArray[np.float64],
+    top_n: int = TOP_N,
 ) -> Counts:
     """Counts (n, t) for n = 1 … `top_n` at each of `thresholds` (t,).
 
@@ -147,17 +151,19 @@ def count(
     """
     thresholds = np.asarray(thresholds, np.float64)
     is_rejected = np.asarray(novelty, np.float64)[:, None] >= thresholds  # (q, t)
-    is_right = np.stack([is_right_at(truth, n) for n in range(1, top_n + 1)], axis=1)  # (q, n)
-    is_judged = truth.seen | truth.unseen
-    hits = _tally(is_right, ~is_rejected)
+    is_right = np.stack(
+        [is_right_at(ground_truth, n) for n in range(1, top_n + 1)], axis=1
+    )  # (q, n)
+    is_judged = ground_truth.seen | ground_truth.unseen
+    true_positives = _tally(is_right, ~is_rejected)
     accepted = _tally(is_judged[:, None], ~is_rejected)
-    misses = _tally(truth.seen[:, None], is_rejected)
-    correct_rejections = _tally(truth.unseen[:, None], is_rejected)
+    false_negatives = _tally(ground_truth.seen[:, None], is_rejected)
+    true_negatives = _tally(ground_truth.unseen[:, None], is_rejected)
     return Counts(
-        hits=hits,
-        misses=np.tile(misses, (top_n, 1)),
-        false_alarms=accepted - hits,
-        correct_rejections=np.tile(correct_rejections, (top_n, 1)),
+        true_positives=true_positives,
+        false_negatives=np.tile(false_negatives, (top_n, 1)),
+        false_positives=accepted - true_positives,
+        true_negatives=np.tile(true_negatives, (top_n, 1)),
     )
 
 

@@ -102,8 +102,8 @@ def test_intervals_hold_the_true_slope_and_the_true_day_as_often_as_they_say() -
     assert np.mean(day_held) == pytest.approx(0.95, abs=0.03)
 
 
-def test_newness_is_where_the_median_seen_novelty_lies_among_the_held_out() -> None:
-    # By distance, the first five are seen; their median entropy is .2. Below it 3 of 4 held-out
+def test_newness_is_where_the_median_seen_novelty_lies_among_the_validation() -> None:
+    # By distance, the first five are seen; their median entropy is .2. Below it 3 of 4 validation
     # ones, or 2 and a tie.
     one = evaluation()
     assert newness(one, np.array([0.1, 0.15, 0.19, 0.3])) == 75

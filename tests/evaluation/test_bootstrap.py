@@ -61,8 +61,8 @@ def test_the_queries_of_a_block_stay_together() -> None:
 
 def test_the_bounds_are_percentiles_of_the_resampled_numbers() -> None:
     # Two blocks of 50 m, one all right and one all wrong. Both drawn wrong, one of each, both
-    # right: shares 0, 1/2, 1 with chances 1/4, 1/2, 1/4, so the 2.5 % percentile is 0 and the 97.5
-    # % one 1.
+    # right: shares 0, 1/2, 1 with probabilities 1/4, 1/2, 1/4, so the 2.5 % percentile is 0 and the
+    # 97.5 % one 1.
     right = np.arange(100) < 50
     np.testing.assert_allclose(Bootstrap().intervals(share_of(right), straight(100)), [[0.0, 1.0]])
 
@@ -119,8 +119,8 @@ def test_settings_that_make_no_sense_are_refused() -> None:
 def in_runs(
     rng: np.random.Generator, drives: int, metres: int, share: float, run_m: float
 ) -> np.ndarray:
-    """Whether each query (drive, metre) is right: it stays as it was, or with chance 1/run_m is
-    drawn anew."""
+    """Whether each query (drive, metre) is right: it stays as it was, or with probability 1/run_m
+    is drawn again."""
     fresh = rng.random((drives, metres)) < share
     last = np.maximum.accumulate(
         np.where(rng.random((drives, metres)) < 1 / run_m, np.arange(metres), 0), axis=1
@@ -128,7 +128,9 @@ def in_runs(
     return np.take_along_axis(fresh, last, axis=1)
 
 
-def test_an_interval_holds_the_truth_where_errors_come_in_runs_and_single_queries_do_not() -> None:
+def test_an_interval_holds_the_ground_truth_where_errors_come_in_runs_and_single_queries_do_not() -> (
+    None
+):
     # 150 drives of 1.5 km, 70 % right, right and wrong in runs of 10 m and more.
     right = in_runs(np.random.default_rng(0), 150, 1500, 0.7, 10.0)
     xy_m = straight(1500)

@@ -23,14 +23,16 @@ def test_a_confidence_that_means_what_it_says_has_a_small_error_and_an_overconfi
     None
 ):
     rng = np.random.default_rng(0)
-    chance = rng.random(20_000)
-    right = rng.random(20_000) < chance
-    assert ece(chance, right) < 0.02
-    assert ece(np.sqrt(chance), right) == pytest.approx(1 / 6, abs=0.02)  # ∫ √p − p dp = 2/3 − 1/2
+    probability = rng.random(20_000)
+    right = rng.random(20_000) < probability
+    assert ece(probability, right) < 0.02
+    assert ece(np.sqrt(probability), right) == pytest.approx(
+        1 / 6, abs=0.02
+    )  # ∫ √p − p dp = 2/3 − 1/2
 
 
 @pytest.mark.parametrize("confidence", [np.nan, -3.5, 1.2])
-def test_what_is_no_chance_has_no_error_and_no_bins(confidence: float) -> None:
+def test_what_is_no_probability_has_no_error_and_no_bins(confidence: float) -> None:
     answers = np.array([0.5, confidence]), np.array([True, False])
     assert np.isnan(ece(*answers))
     with pytest.raises(InputError, match="no chance"):

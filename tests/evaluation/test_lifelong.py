@@ -25,23 +25,24 @@ COURSE = Course(
 
 
 def artifact(path: Path, order: str, steps: list[str]) -> store.Artifact:
-    """An artifact in which, by distance, the third query is right after every step, the first never."""
+    """An artifact in which, by distance, the third query is right after every step, the first
+    never."""
     error_m = np.where(RIGHT, 15.0, 15.1)
     error_m[:, 2] = 3.0
     error_m[:, 0] = 99.0
     attrs: dict[str, Any] = {
         "correct_m": 15.0,
         "order": order,
-        "strategy": "grown",
+        "strategy": "incremental",
         "steps": steps,
-        "asked": ["first", "second"],
+        "queried": ["first", "second"],
     }
     attrs |= {
         "places": [3, 4, 5],
         "bytes": [10, 20, 30],
-        "counts": [{}, {"asked": 9, "adopted": 8}, {"asked": 7, "adopted": 0}],
+        "counts": [{}, {"queried": 9, "pseudo_labelled": 8}, {"queried": 7, "pseudo_labelled": 0}],
     }
-    attrs |= {"learned_ns": [1, 3, 5], "asked_ns": [2, 4]}
+    attrs |= {"learned_ns": [1, 3, 5], "queried_ns": [2, 4]}
     columns = {
         "right": RIGHT,
         "error_m": error_m,
@@ -104,7 +105,7 @@ def test_a_group_without_a_known_place_counts_nowhere() -> None:
     assert np.isnan([nothing.mean_recall(1), nothing.forgetting(1)]).all()
 
 
-def test_streets_are_asked_part_by_part(tmp_path: Path) -> None:
+def test_streets_are_queried_part_by_part(tmp_path: Path) -> None:
     parts = Course.of(artifact(tmp_path / "a.zarr", "streets", ["1/3", "2/3", "3/3"]), "cells")
     assert parts.groups == ("1/3", "2/3", "3/3")
     assert np.array_equal(
@@ -122,7 +123,7 @@ def test_an_answer_is_right_by_distance_nearer_than_15_m(tmp_path: Path) -> None
 
 def test_rows_say_step_group_and_protocol(tmp_path: Path) -> None:
     rows = list(lifelong_rows(artifact(tmp_path / "a.zarr", "days", ["a", "b", "c"])))
-    assert {(one["ask"], one["of"]) for one in rows} == {("course", "days grown")}
+    assert {(one["ask"], one["of"]) for one in rows} == {("course", "days incremental")}
     values = {
         (one["number"], one["protocol"], one["at"], one.get("sequence", "")): one["value"]
         for one in rows
@@ -134,8 +135,8 @@ def test_rows_say_step_group_and_protocol(tmp_path: Path) -> None:
     assert values["recall_of_all", "distance", 0.0, ""] == pytest.approx(3 / 5)
     assert values["places", "", 1.0, "b"] == 4
     assert values["bytes", "", 2.0, "c"] == 30
-    assert values["adopted", "", 1.0, "b"] == 8
-    assert ("adopted", "", 0.0, "a") not in values
+    assert values["pseudo_labelled", "", 1.0, "b"] == 8
+    assert ("pseudo_labelled", "", 0.0, "a") not in values
     assert {one["at"] for one in rows} == {0.0, 1.0, 2.0}
 
 
@@ -152,6 +153,8 @@ def test_costs_are_beside_the_numbers_of_their_step() -> None:
         ("a", 0.0, "cpu_s", 0.5),
         ("b", 1.0, "cpu_s", 7.0),
     ]
-    assert {(one["method"], one["seed"], one["of"]) for one in rows} == {("m", 1, "days tuned")}
+    assert {(one["method"], one["seed"], one["of"]) for one in rows} == {
+        ("m", 1, "days fine_tuned")
+    }
     with pytest.raises(ValueError, match="shorter"):
         list(cost_rows({**course, "cpu_s": [0.5]}))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pipeline.evaluation.curves import auc, precision_recall
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, POSES, Queries, measures, median, numbers
-from pipeline.evaluation.protocols import Truth
+from pipeline.evaluation.protocols import GroundTruth
 from tests.evaluation.made import NOVELTY, SEEN, THRESHOLDS, TOY, count
 
 QUERIES = Queries(
@@ -29,9 +29,9 @@ EVERYONE = np.ones((1, 6))
 
 
 def values_by_name(
-    truth: Truth = TOY, queries: Queries = QUERIES, weight: np.ndarray = EVERYONE
+    ground_truth: GroundTruth = TOY, queries: Queries = QUERIES, weight: np.ndarray = EVERYONE
 ) -> dict[str, float]:
-    return {name: value.item() for name, value in numbers(truth, queries, weight).items()}
+    return {name: value.item() for name, value in numbers(ground_truth, queries, weight).items()}
 
 
 def test_the_numbers_of_six_queries_by_hand() -> None:
@@ -60,7 +60,7 @@ def test_the_numbers_of_six_queries_by_hand() -> None:
     assert result["recall_at_99_precision"] == 1 / 4
     assert result["auroc"] == 7 / 8
     assert result["precision_at_threshold"] == 1 / 2  # below .5: right, misplaced, right, unseen
-    assert result["recall_at_threshold"] == 2 / 3  # two hits, one miss
+    assert result["recall_at_threshold"] == 2 / 3  # two true positives, one false negative
     assert result["median_error_m"] == 3.0  # of 1, 2, 4 and 40
     # Of 2, 10 and 170: query 1 is misplaced, 3 and 5 are unseen
     assert result["median_heading_error_deg"] == 10.0
@@ -73,13 +73,13 @@ def test_the_numbers_of_six_queries_by_hand() -> None:
     )
     # By the usual recall a misplaced query is not recalled.
     result = values_by_name(replace(TOY, recall_of_all_seen=True))
-    assert result["recall_at_threshold"] == 2 / 4  # two hits of four seen
+    assert result["recall_at_threshold"] == 2 / 4  # two true positives of four seen
     assert result["auc_exact_top1"] == pytest.approx((1 + 7 / 12 + 11 / 20) / 4)  # test_curves.py
     assert result["f1_max"] == pytest.approx(2 / 3)
     assert result["precision_at_threshold"] == 1 / 2
 
 
-def test_poses_are_held_against_both_measures_and_the_promise() -> None:
+def test_poses_are_held_against_both_measures_and_the_target_precision() -> None:
     result = values_by_name()
     assert result["within_2m_5deg"] == 3 / 4  # seen are 0, 1, 2, 4; 1 is 3 m off
     assert result["within_05m_2deg"] == 2 / 4
@@ -114,8 +114,8 @@ def test_each_kind_of_novelty_rejects_at_its_own_threshold() -> None:
     )
     assert tuple(first) == MEASURES
     assert first == {name: values_by_name()[name] for name in MEASURES}
-    # The second kind accepts queries 0, 1, 2 below 7.5: two hits, a false alarm, and the seen query
-    # 4 missed.
+    # The second kind accepts queries 0, 1, 2 below 7.5: two true positives, a false positive, and
+    # the seen query 4 missed.
     assert (second["precision_at_threshold"], second["recall_at_threshold"]) == (2 / 3, 2 / 3)
     # 9 is above all four seen; 8 above three and level with one
     assert second["auroc"] == (4 + 3.5) / 8
@@ -124,17 +124,21 @@ def test_each_kind_of_novelty_rejects_at_its_own_threshold() -> None:
 def test_the_area_is_that_of_the_authors_counts() -> None:
     rng = np.random.default_rng(1)
     seen = rng.random(400) < 0.8
-    truth = Truth(seen, ~seen, np.where(seen, rng.integers(-1, 30, 400) // 3, -1), seen)
+    ground_truth = GroundTruth(
+        seen, ~seen, np.where(seen, rng.integers(-1, 30, 400) // 3, -1), seen
+    )
     novelty = rng.random((400, 1)).astype(np.float32)
     thresholds = np.linspace(0, 1, 200)
     result = values_by_name(
-        truth, Queries(novelty, (0.5,), thresholds, *rng.random((6, 400)), 0.5), np.ones((1, 400))
+        ground_truth,
+        Queries(novelty, (0.5,), thresholds, *rng.random((6, 400)), 0.5),
+        np.ones((1, 400)),
     )
-    areas = auc(*precision_recall(count(truth, novelty[:, 0], thresholds)))
+    areas = auc(*precision_recall(count(ground_truth, novelty[:, 0], thresholds)))
     assert [result[f"auc_top{n}"] for n in (1, 5, 25)] == areas[[0, 4, 24]].tolist()
 
 
-def test_a_heading_that_is_not_told_counts_neither_way() -> None:
+def test_a_heading_that_is_not_reported_counts_neither_way() -> None:
     result = values_by_name(
         queries=replace(QUERIES, heading_error_deg=np.array([np.nan, 1.0, 10.0, 3.0, 170.0, 0.0]))
     )
@@ -158,13 +162,13 @@ def test_a_threshold_that_accepts_nothing_has_no_precision_and_one_without_end_a
 def test_a_number_of_nothing_is_missing() -> None:
     # Without a seen query only precision is defined, without an unseen one only auroc is missing.
     nobody = np.zeros(6, bool)
-    result = values_by_name(Truth(nobody, ~nobody, np.full(6, -1), nobody))
-    assert result.pop("precision_at_threshold") == 0.0  # whatever is accepted is a false alarm
+    result = values_by_name(GroundTruth(nobody, ~nobody, np.full(6, -1), nobody))
+    assert result.pop("precision_at_threshold") == 0.0  # whatever is accepted is a false positive
     # A pose may be right where training never went
     assert result.pop("wrong_of_accepted_99") == 2 / 4
     assert result.pop("trajectory_m") > 0  # of all queries
     assert all(np.isnan(value) for value in result.values())
-    result = values_by_name(Truth(SEEN, np.zeros(6, bool), TOY.true_rank, TOY.oracle_right))
+    result = values_by_name(GroundTruth(SEEN, np.zeros(6, bool), TOY.true_rank, TOY.oracle_right))
     assert [name for name, value in result.items() if np.isnan(value)] == [
         "auroc",
         "within_1m_10deg",  # of level sweeps alone
@@ -205,7 +209,7 @@ def test_a_weight_is_a_number_of_equal_queries(
     def of(index: np.ndarray, weight: np.ndarray) -> dict[str, float]:
         seen = where[index] == "seen"
         unseen = where[index] == "unseen"
-        truth = Truth(
+        ground_truth = GroundTruth(
             seen, unseen, np.where(seen, rank[index], -1), seen & (rank[index] % 2 == 0), usual
         )
         novelty = (level[index, None] / 6).astype(np.float32)
@@ -219,7 +223,7 @@ def test_a_weight_is_a_number_of_equal_queries(
             0.7,
         )
         return values_by_name(
-            truth, Queries(novelty, (0.6,), np.linspace(0, 1, 20), *errors), weight
+            ground_truth, Queries(novelty, (0.6,), np.linspace(0, 1, 20), *errors), weight
         )
 
     weighted = of(np.arange(len(rows)), weight[None].astype(float))

@@ -8,8 +8,8 @@ import pytest
 from pipeline.core.errors import InputError
 from pipeline.core.schemas import Labels
 from pipeline.evaluation.bootstrap import Bootstrap
+from pipeline.evaluation.evaluations import Evaluation
 from pipeline.evaluation.judge import judge
-from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.paired import COMPARED, compare, holm, kept_share
 from pipeline.evaluation.protocols import Distance
 from pipeline.matching.ranking import Ranking
@@ -158,7 +158,7 @@ def test_either_way_round_is_the_same_test() -> None:
     )
 
 
-def test_chance_is_called_a_difference_as_often_as_the_level_says() -> None:
+def test_probability_is_called_a_difference_as_often_as_the_level_says() -> None:
     # Pairs of methods that are equally good, each failing in runs of 10 m of its own: some 5 % of p
     # below .05.
     seeds = range(0, 120, 2)
@@ -193,15 +193,15 @@ def test_holm_multiplies_the_least_by_the_number_of_tests_and_never_falls_and_na
     assert holm(np.empty(0)).shape == (0,)
 
 
-def test_the_share_kept_of_altered_queries_is_drawn_with_those_as_driven() -> None:
+def test_the_share_kept_of_perturbed_queries_is_drawn_with_those_unperturbed() -> None:
     # All known queries come first, so the area is that of precision 1: the share right. Half of
     # what was right before is right still, in every block, so that no resample moves the share.
     right = np.arange(METRES) % 2 == 0
     driven = method(right, bootstrap=BOOTSTRAP)
-    altered = method(np.arange(METRES) % 4 == 0, bootstrap=BOOTSTRAP)
+    perturbed = method(np.arange(METRES) % 4 == 0, bootstrap=BOOTSTRAP)
     assert kept_share(driven, driven, "cells", BOOTSTRAP) == pytest.approx((1.0, 1.0, 1.0))
-    value, low, high = kept_share(altered, driven, "cells", BOOTSTRAP)
-    areas = [each.number("cells", "auc_exact_top1")[0] for each in (altered, driven)]
+    value, low, high = kept_share(perturbed, driven, "cells", BOOTSTRAP)
+    areas = [each.number("cells", "auc_exact_top1")[0] for each in (perturbed, driven)]
     assert value == pytest.approx(areas[0] / areas[1])
     assert low < value < high or low == pytest.approx(high)
     assert high - low < 0.1

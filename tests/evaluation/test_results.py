@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.alterations import Case
 from pipeline.core import store
 from pipeline.core.errors import ArtifactError, ConfigError, LogError
 from pipeline.evaluation import results
@@ -21,9 +20,10 @@ from pipeline.evaluation.plots import precision_recall, year
 from pipeline.evaluation.results import ResultsTable
 from pipeline.evaluation.rows import COLUMNS, case_text, evaluation_rows, table
 from pipeline.evaluation.study_rows import AGEING, Answers, ageing_rows, paired_rows
-from pipeline.evaluation.viewpoints import NUMBERS as VIEWPOINT_NUMBERS
+from pipeline.evaluation.viewpoint_matches import NUMBERS as VIEWPOINT_NUMBERS
 from pipeline.formats.changes import Change, write_changes
-from pipeline.matching.rejection import Evidence
+from pipeline.matching.rejection import NoveltyEvidence
+from pipeline.perturbations import Case
 from pipeline.report.study import against
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
@@ -36,7 +36,7 @@ MAR = "march"
 RAIN = "rain"
 DAYS = {FEB: 20, MAR: 62, RAIN: 21}
 STUDY = made_study(
-    question="robustness",
+    experiment="robustness",
     tests=[MAR, FEB],
     cells=["5m"],
     stress={RAIN: "wet"},
@@ -48,10 +48,10 @@ WORSE = replace(SCI, places=SCI.places + np.array([[9, 0]] + [[0, 0]] * 6))
 KNOWN, UNKNOWN = (
     dict.fromkeys(("entropy", "distance"), low + np.arange(3) / 10) for low in (0.1, 0.7)
 )
-EVIDENCE = Evidence(np.ones(3, bool), KNOWN, UNKNOWN, np.arange(3))
-"""All held-out queries are answered right, and novelty separates seen from unseen ones."""
+EVIDENCE = NoveltyEvidence(np.ones(3, bool), KNOWN, UNKNOWN, np.arange(3))
+"""All validation queries are answered right, and novelty separates seen from unseen ones."""
 CURVES = {
-    "curves/held_out_error": np.array([0.5, 0.25, 0.375]),
+    "curves/validation_error": np.array([0.5, 0.25, 0.375]),
     "curves/black_error": np.array([0.125, 0.125, 0.125]),
     "best_epoch": np.array(1),
 }
@@ -65,7 +65,7 @@ def gathering(root: Path, study: Study = STUDY) -> ResultsTable:
 @pytest.fixture(scope="module")
 def artifacts(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The artifacts of the study that `results` reads: of two methods and a variant, on two test
-    sequences, as driven and altered, and a sequence of stress."""
+    sequences, unperturbed and perturbed, and a sequence of stress."""
     root = tmp_path_factory.mktemp("artifacts")
     for grid, model in (
         ("10m", "sci"),
@@ -107,7 +107,7 @@ def value(frame: pd.DataFrame, number: str, **where: Any) -> float:
 
 
 def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -> None:
-    one = replace(evaluation(), kept_precision=(0.731, 0.95), wanted_precision=0.9)
+    one = replace(evaluation(), validation_precision=(0.731, 0.95), target_precision=0.9)
     result = {(row["of"], row["protocol"], row["number"]): row for row in evaluation_rows(one)}
     names = (
         "queries",
@@ -116,8 +116,8 @@ def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -
         "threshold",
         "turned_share",
         "answered",
-        "kept_precision",
-        "wanted_precision",
+        "validation_precision",
+        "target_precision",
         *(name for name in NUMBERS if name not in POSES),
     )
     novelties = one.kinds
@@ -126,28 +126,34 @@ def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -
             key
             for by in ("cells", "distance")
             for key in (
-                *(("", by, name) for name in (*names, *one.doubts(by))),
-                *((case, by, name) for case in novelties for name in (*MEASURES, "kept_precision")),
+                *(("", by, name) for name in (*names, *one.caveats(by))),
+                *(
+                    (case, by, name)
+                    for case in novelties
+                    for name in (*MEASURES, "validation_precision")
+                ),
             )
         ),
         *(("", "cells", name) for name in ("ece_raw", "ece")),
         *(("", "distance", name) for name in one.acceptance),
     ]
-    expected = {name: result["", "cells", name]["value"] for name in (*names, "doubt_less_kept")}
+    expected = {
+        name: result["", "cells", name]["value"] for name in (*names, "caveat_less_precise")
+    }
     # Three of the five seen are right, one of them turned; entropy tells 9 of 10 pairs of seen and
     # unseen right, energy all.
     assert [expected[name] for name in names[:5]] == [7, 5, 2, 0.5, 1 / 5]
     assert expected["answered"] == 5 / 7  # novelties below .5: .1, .2, .3, .05, .4
     assert (
-        expected["kept_precision"],
-        expected["wanted_precision"],
-        expected["doubt_less_kept"],
+        expected["validation_precision"],
+        expected["target_precision"],
+        expected["caveat_less_precise"],
     ) == (
         0.731,
         0.9,
         0.731,
     )
-    assert result["energy", "cells", "kept_precision"]["value"] == 0.95
+    assert result["energy", "cells", "validation_precision"]["value"] == 0.95
     assert expected["recall_at_1"] == 3 / 5
     assert [result[case, "cells", "auroc"]["value"] for case in novelties] == pytest.approx(
         [0.9, 1.0]
@@ -157,7 +163,7 @@ def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -
     assert (recall["value"], recall["low"], recall["high"]) == one.number("cells", "recall_at_1")
 
 
-def test_rows_of_an_altered_case_say_what_was_done_and_leave_novelties_out() -> None:
+def test_rows_of_a_perturbed_case_say_what_was_done_and_leave_novelties_out() -> None:
     result = list(evaluation_rows(evaluation(), Case("construction", 2.0, shadow=True, repeat=0)))
     others = Case(), Case("turned", repeat=3), Case("demolition", 60.0), Case("construction", 2.0)
     assert [*map(case_text, others)] == ["", "turned 3", "demolition 60°", "construction 2 walls"]
@@ -214,8 +220,8 @@ def test_every_model_answers_every_sequence_it_is_asked_about(gathered: pd.DataF
     assert changes[["method", "variant", "sequence"]].drop_duplicates().to_numpy().tolist() == [
         ["sci", "", FEB]
     ]
-    held_out = gathered[gathered["number"] == "held_out_auc"]
-    assert held_out["value"].tolist() == pytest.approx([1.0] * 5)
+    validation = gathered[gathered["number"] == "validation_auc"]
+    assert validation["value"].tolist() == pytest.approx([1.0] * 5)
 
 
 def test_each_grid_says_how_near_is_right(gathered: pd.DataFrame) -> None:
@@ -263,7 +269,7 @@ def test_methods_are_compared_with_the_first_on_the_same_queries(gathered: pd.Da
 
 
 def test_in_a_study_of_the_year_variants_are_compared_too(artifacts: Path) -> None:
-    frame = gathering(artifacts, replace(STUDY, question="year")).table()
+    frame = gathering(artifacts, replace(STUDY, experiment="year")).table()
     variant = {"method": "sci", "variant": "4way", "protocol": "cells"}
     assert [
         value(frame, "recall_at_1_difference", sequence=name, **variant) for name in (FEB, MAR)
@@ -310,9 +316,11 @@ def test_methods_on_bird_views_are_asked_from_other_headings(
         value(gathered, "bytes_per_place", **of),
     ) == (2, 8224.0)
     assert set(gathered.loc[gathered["of"] == "heading", "number"]) == set(VIEWPOINT_NUMBERS)
-    assert value(gathered, "held_out_error", method="sad", sequence="") == 0.25  # the kept round's
+    assert (
+        value(gathered, "validation_error", method="sad", sequence="") == 0.25
+    )  # the kept round's
     assert value(gathered, "black_error", method="sad", sequence="") == 0.125
-    alone = gathering(artifacts, replace(STUDY, question="viewpoints")).table()
+    alone = gathering(artifacts, replace(STUDY, experiment="viewpoints")).table()
     assert set(alone["ask"]) == {"viewpoint"}
 
 
@@ -348,7 +356,7 @@ def test_the_plots_show_each_methods_own_answers_to_the_tests(
     assert wide["recall_at_1"].tolist() == pytest.approx([2 / 5, 2 / 5, 3 / 5, 2 / 5])
     curve = precision_recall(gathering(artifacts))
     assert curve.groupby(["method", "sequence"]).size().tolist() == [200] * 4
-    none = precision_recall(gathering(artifacts, replace(STUDY, question="viewpoints")))
+    none = precision_recall(gathering(artifacts, replace(STUDY, experiment="viewpoints")))
     assert none.columns.tolist() == curve.columns.tolist()
 
 
@@ -459,7 +467,7 @@ def test_a_damaged_table_is_refused(written: Path, damage: Callable[[str], str])
     path = written / "results/campus/results.csv"
     path.write_bytes(damage(path.read_text()).encode(errors="surrogateescape"))
     with pytest.raises(
-        ArtifactError, match=r"results.csv: not a table of results .*`dvc repro` writes it anew"
+        ArtifactError, match=r"results.csv: not a table of results .*`dvc repro` rewrites it"
     ):
         results.read(Layout(written), {"campus": STUDY})
 

@@ -84,7 +84,7 @@ def drive(
 
 
 class Clock:
-    """A clock that goes only when it is told to, for wall time and CPU time."""
+    """A clock that goes only when it is reported to, for wall time and CPU time."""
 
     def __init__(self) -> None:
         self.wall_s = 0.0

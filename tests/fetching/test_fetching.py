@@ -491,7 +491,7 @@ def test_a_damaged_archive_is_removed_and_nothing_kept_of_it(tmp_path: Path, fau
     path.write_bytes(DAMAGED[fault])
     with pytest.raises(
         LogError,
-        match=r"a.tar.gz: (damaged .* and removed; fetch it anew|holds no ok|'odd' is a link)",
+        match=r"a.tar.gz: (damaged .* and removed; fetch it again|holds no ok|'odd' is a link)",
     ):
         unpack(path, tmp_path, "ok")
     assert not path.exists() or fault not in [name for name in DAMAGED if name.startswith("header")]
@@ -541,7 +541,7 @@ def nclt(served: Served, tmp_path: Path) -> Served:
         )
         for i in range(11)
     ]
-    truth, wheels = ("".join(column).encode() for column in zip(*rows, strict=True))
+    ground_truth, wheels = ("".join(column).encode() for column in zip(*rows, strict=True))
     scan = np.array([20_200, 20_400, 19_600, 0], "<u2").tobytes()
     sensors = tarred(
         tmp_path / "sen", (f"{DATE}/gps.csv", b"1"), (f"{DATE}/odometry_mu_100hz.csv", wheels)
@@ -552,7 +552,7 @@ def nclt(served: Served, tmp_path: Path) -> Served:
         (f"{DATE}/velodyne_sync/{START + 150_000}.bin", scan),
     )
     served.files = {
-        f"ground_truth/groundtruth_{DATE}.csv": truth,
+        f"ground_truth/groundtruth_{DATE}.csv": ground_truth,
         f"sensor_data/{DATE}_sen.tar.gz": sensors.read_bytes(),
         f"velodyne_data/{DATE}_vel.tar.gz": scans.read_bytes(),
     }
@@ -640,7 +640,7 @@ def test_a_damaged_archive_is_fetched_anew_by_the_next_call(nclt: Served, tmp_pa
     path = f"sensor_data/{DATE}_sen.tar.gz"
     whole = nclt.files[path]
     nclt.files[path] = whole[:-20]  # the publisher's length is as wrong as its content
-    with pytest.raises(LogError, match=f"{DATE}_sen.tar.gz: damaged .*fetch it anew"):
+    with pytest.raises(LogError, match=f"{DATE}_sen.tar.gz: damaged .*fetch it again"):
         fetch(nclt, tmp_path / "root", DATE)
     assert not (tmp_path / "root" / DATE / "odometry_mu_100hz.csv").exists()
     nclt.files[path] = whole
@@ -713,7 +713,7 @@ def test_numbered_files_of_another_sum_are_removed(served: Served, tmp_path: Pat
     run = publisher(served, archives=[NUMBERED | {"listing_sha256": "0" * 64}], sequence="run")
     with one_line(
         LogError,
-        "0.pcd … 2.pcd have the sha256 [0-9a-f]{64}, expected 0{64}; removed, fetch them anew",
+        "0.pcd … 2.pcd have the sha256 [0-9a-f]{64}, expected 0{64}; removed, fetch them again",
     ):
         list(run.fetch(tmp_path, ["run"], Progress()))
     assert list((tmp_path / "run").iterdir()) == []

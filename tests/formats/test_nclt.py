@@ -41,9 +41,9 @@ def test_poses_come_back(tmp_path: Path) -> None:
     utimes = 1_326_030_975_000_000 + np.array([0, 1, 1_000_000])
     nclt.write_pose_rows(path, utimes, rows)
     np.testing.assert_allclose(np.loadtxt(path, delimiter=",")[:, 1:], rows, rtol=1e-8)
-    truth = read_poses(path)
-    assert truth.stamps_ns.tolist() == (1000 * utimes).tolist()
-    assert np.isfinite(truth.world_T_body).all(axis=(1, 2)).tolist() == [True, False, True]
+    ground_truth = read_poses(path)
+    assert ground_truth.stamps_ns.tolist() == (1000 * utimes).tolist()
+    assert np.isfinite(ground_truth.world_T_body).all(axis=(1, 2)).tolist() == [True, False, True]
 
 
 def test_the_lidars_forward_axis_points_left_in_the_body() -> None:

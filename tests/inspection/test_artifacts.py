@@ -47,10 +47,10 @@ ATTRS = {
     "clipped": 0,
     "blind": dict.fromkeys(PROTOCOLS, 0.1),
     "unsuited": {},
-    "beliefs": {},
+    "claims": {},
     "thresholds": (0.5, 2.0),
     "reject_from": (0.5, 2.0),
-    "kept_precision": (0.731, None),
+    "validation_precision": (0.731, None),
     "right_within": (2.0, 5.0),
 }
 """Values of attributes; other attributes are 1."""
@@ -113,14 +113,14 @@ def test_submaps_are_described_with_what_they_gather_and_leave_out(tmp_path: Pat
     rows = {"first": count // 2, "scans": count, "ground_m": -count / 10, "used": count >= 0}
     found = inspect(write(tmp_path / "a.zarr", "submaps", **rows))
     # The first gathers itself alone; the last: 4, 5, … 9.
-    assert_says(found, "1 … 6 scans each, laid out by odom_T_scan", "−0.90 … 0.00 m")
+    assert_says(found, "1 … 6 scans each, placed by odom_T_scan", "−0.90 … 0.00 m")
     assert_says(found, "7 anchors: no true pose")
 
 
 def test_sweeps_in_an_outage_are_no_fault_and_are_not_diagnosed_alone(tmp_path: Path) -> None:
-    truth = plain("world_T_scan", [ROWS, 4, 4], "f8")
-    truth[3:5] = np.nan
-    found = inspect(scans(tmp_path / "a.zarr", np.ones((1, 3)), world_T_scan=truth))
+    ground_truth = plain("world_T_scan", [ROWS, 4, 4], "f8")
+    ground_truth[3:5] = np.nan
+    found = inspect(scans(tmp_path / "a.zarr", np.ones((1, 3)), world_T_scan=ground_truth))
     assert found.warnings == ()
     assert_says(found, "at 80 % of the scans", "sweeps of a 2-D LiDAR")
 

@@ -52,7 +52,11 @@ def test_a_bag_is_listed_and_what_is_proposed_opens_it(tmp_path: Path, kind: str
     )
     assert_says(found, "base_link > lidar  1  fixed, at x 0.500, y 0.000, z 1.500 m")
     keys = proposed(path)
-    assert (keys["truth"], keys["odometry"], keys.pop("submap")) == ("/truth", "/odom", "single")
+    assert (keys["ground_truth"], keys["odometry"], keys.pop("submap")) == (
+        "/ground_truth",
+        "/odom",
+        "single",
+    )
     assert len(Bag(**keys).open(tmp_path, "drive").stamps_ns) == 40
     assert inspect(tmp_path).sections == found.sections  # the folder that it lies in
 
@@ -118,7 +122,7 @@ def test_transforms_serve_where_no_topic_does(tmp_path: Path) -> None:
             bag.laser_scan(START_NS + i * STEP_NS, "laser", np.ones(9), 0, 0.1, 0.1, 30)
     keys = proposed(tmp_path / "drive.bag")
     assert (keys.pop("submap"), keys["points"]) == ("flat", "/scan")
-    assert (keys["truth"], keys["odometry"]) == ("tf:map>base_link", "tf:odom>base_link")
+    assert (keys["ground_truth"], keys["odometry"]) == ("tf:map>base_link", "tf:odom>base_link")
     log = Bag(**keys).open(tmp_path, "drive")
     np.testing.assert_allclose(
         log.world_T_scan[:, :2, 3], [[i, 0.1 * i] for i in range(4)], atol=1e-12
@@ -130,11 +134,11 @@ def test_warnings_say_that_poses_drift_and_extrinsics_are_missing(tmp_path: Path
         bag.odometry(START_NS, "odom", "base_link", at(0))
         cloud(bag, START_NS, "os_lidar", np.ones((2, 3)))
     drift, extrinsic = inspect(tmp_path / "drive.bag").warnings
-    assert drift.startswith("the only poses are in the frame odom, which starts anew")
+    assert drift.startswith("the only poses are in the frame odom, which starts again")
     assert "poses=slam" in drift
     assert extrinsic.startswith("no fixed transforms lead from base_link to os_lidar: give x, y, z")
     reader = proposed(tmp_path / "drive.bag")
-    assert (reader["truth"], reader["odometry"]) == (None, "/odom")
+    assert (reader["ground_truth"], reader["odometry"]) == (None, "/odom")
 
 
 def test_a_bag_without_points_says_what_it_holds(tmp_path: Path) -> None:
@@ -155,7 +159,7 @@ def test_real_bags_are_described_with_what_they_lack(real: Path) -> None:
     )
     assert found.warnings[0].startswith("no poses: sweeps of a 2-D LiDAR need an Odometry")
     assert found.warnings[0].endswith("Topics here: /scan (sensor_msgs/LaserScan)")
-    assert proposed(real / "bags" / "laserscan_rosbag1_v2.0.bag")["truth"] is None
+    assert proposed(real / "bags" / "laserscan_rosbag1_v2.0.bag")["ground_truth"] is None
     warnings = inspect(real / "bags").warnings
     assert sum(warning.startswith("left aside") for warning in warnings) == 2
     refusals = {"rosbag1_bad_index": "cannot be read as a bag", "rosbag_v1.2": "of version 1.2"}

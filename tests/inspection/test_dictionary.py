@@ -46,7 +46,7 @@ def test_an_array_has_the_unit_that_its_name_says(suffix: str, unit: str) -> Non
 
 def test_the_page_has_every_array_of_today() -> None:
     text = DOCS.read_text(encoding="utf-8")
-    assert page(text) == text, "python -m pipeline.inspection.dictionary writes it anew"
+    assert page(text) == text, "python -m pipeline.inspection.dictionary rewrites it"
     for kind in KINDS.values():
         for name, array in kind.columns.items():
             assert f"| `{name}` | {array.dtype} |" in text

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pipeline.core.errors import ConfigError, LogError
-from pipeline.core.frames import flip_ned, moved, pose
+from pipeline.core.frames import flip_ned, pose, transformed
 from pipeline.formats import nclt
 from pipeline.inspection.report import inspect
 from tests.inspection.scanner import assert_says, scan
@@ -27,7 +27,8 @@ def nclt_bytes(points: np.ndarray, beams: int = 32) -> bytes:
 
 
 def nclt_sequence(root: Path, scans: int = 6) -> Path:
-    """Write a sequence of NCLT: five scans a second, and ten true poses a second along x at 10 m/s."""
+    """Write a sequence of NCLT: five scans a second, and ten true poses a second along x at 10
+    m/s."""
     folder = root / "2012-01-15"
     (folder / "velodyne_sync").mkdir(parents=True)
     data = nclt_bytes(scan(32))
@@ -100,7 +101,7 @@ def test_the_covariances_of_the_odometry_are_not_described(tmp_path: Path) -> No
 def test_packets_are_counted_and_looked_at_in_the_bodys_frame(tmp_path: Path) -> None:
     numbers = np.array([nclt.BODY_T_VELODYNE_XYZRPH])
     body_T_velodyne = flip_ned(pose(numbers[:, :3], np.radians(numbers[:, 3:])))[0]
-    hits = nclt_bytes(moved(np.linalg.inv(body_T_velodyne), scan(64).astype(np.float32)))
+    hits = nclt_bytes(transformed(np.linalg.inv(body_T_velodyne), scan(64).astype(np.float32)))
     size = len(hits) // 8 // 4 * 8
     path = tmp_path / "velodyne_hits.bin"
     header = struct.pack("<4H", *[44444] * 4)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from pipeline.formats import nav2_map
 from pipeline.formats.nav2_map import GridMap
 from pipeline.level.field import Field
-from pipeline.level.held_out import Sweeps
 from pipeline.level.level_map import Drawing
+from pipeline.level.validation import Sweeps
 
 WALLS = (
     *((0, 0, 20, 0), (20, 0, 20, 12), (20, 12, 0, 12), (0, 12, 0, 0)),  # the outer ones

@@ -1,4 +1,5 @@
-"""A training day of level sweeps gives the queries of another drive poses and doubts."""
+"""A training day of level sweeps gives the queries of another drive poses and error
+probabilities."""
 
 from pathlib import Path
 
@@ -9,12 +10,12 @@ from pipeline.core import schemas, store
 from pipeline.core.frames import LEVEL_RIGHT_WITHIN
 from pipeline.core.grid import Grid
 from pipeline.level.day import LevelDay
-from pipeline.level.held_out import LevelHeldOut, Sweeps
+from pipeline.level.validation import LevelValidation, Sweeps
 from pipeline.level.verdict import OF_SWEEPS
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Ranking
 from pipeline.posing.answers import PosedQuery, posed
-from pipeline.posing.verdict import BELIEFS
+from pipeline.posing.verdict import CLAIMS
 from tests.level.hall import drive
 from tests.posing.scene import scene
 from tests.views.made import artifacts
@@ -41,7 +42,7 @@ def day(tmp_path_factory: pytest.TempPathFactory) -> LevelDay:
     trained = scans(tmp_path_factory.mktemp("hall") / "monday", 0, 1.0)
     sweeps = Sweeps.of(trained, is_posed=True)
     assert sweeps.is_level
-    return LevelDay.of(sweeps, 0.2, LevelHeldOut(most=6))
+    return LevelDay.of(sweeps, 0.2, LevelValidation(most=6))
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +50,7 @@ def tuesday(tmp_path_factory: pytest.TempPathFactory) -> schemas.Scans:
     return scans(tmp_path_factory.mktemp("hall") / "tuesday", 5, 0.5)
 
 
-def test_queries_of_another_drive_have_poses_near_the_truth(
+def test_queries_of_another_drive_have_poses_near_the_ground_truth(
     day: LevelDay, tuesday: schemas.Scans
 ) -> None:
     rows = np.array([20, 30, 40])
@@ -58,10 +59,10 @@ def test_queries_of_another_drive_have_poses_near_the_truth(
     assert OF_SWEEPS.right(poses, tuesday.load("world_T_scan")[rows]).all()
     for query in queries:
         assert query.covariance.shape == (6, 6)
-        assert query.doubts.shape == (len(BELIEFS),)
-        assert query.doubts[0] < 0.1
+        assert query.error_probabilities.shape == (len(CLAIMS),)
+        assert query.error_probabilities[0] < 0.1
         assert query.overlap > 0.8
-        assert query.chances.sum() <= 1 + 1e-9
+        assert query.probabilities.sum() <= 1 + 1e-9
     assert LEVEL_RIGHT_WITHIN == (1.0, 10.0)
 
 
@@ -83,7 +84,7 @@ def test_poses_of_sweeps_lead_the_ranking_of_places_as_those_of_3_d_scans_do(
     true_m = tuesday.load("world_T_scan")[30, :2, 3]
     assert answered.places[0, 0] == PLACES.at(true_m[None])[0]
     assert np.linalg.norm(answered.xy_m[0, 0] - true_m) < 0.2
-    assert answered.kinds == (*BELIEFS, "distance")
+    assert answered.kinds == (*CLAIMS, "distance")
 
 
 def test_a_laser_upside_down_is_not_believed(day: LevelDay, tuesday: schemas.Scans) -> None:
@@ -94,11 +95,11 @@ def test_a_laser_upside_down_is_not_believed(day: LevelDay, tuesday: schemas.Sca
         np.full_like(sweeps.odom_T_sweep, np.nan),
     )
     believed = [query_of(day, mirrored, row) for row in (20, 30, 40)]
-    assert min(query.doubts[0] for query in believed) > 0.5
+    assert min(query.error_probabilities[0] for query in believed) > 0.5
 
 
 def query_of(day: LevelDay, sweeps: Sweeps, row: int) -> PosedQuery:
-    """What is believed of one sweep."""
+    """What is accepted of one sweep."""
     return day.query(sweeps.gathered([row], 5.0)[row])
 
 

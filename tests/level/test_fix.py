@@ -34,7 +34,7 @@ def test_a_sweep_is_found_to_less_than_a_cell(
     assert abs(np.rad2deg(turn)) < 1
     assert best.support.explained > 0.9
     assert best.support.contradicted < 0.05
-    rows = fix.signs
+    rows = fix.features
     assert rows[0, -1] > 0
     assert (rows[1:, -1] < 0).all()
 

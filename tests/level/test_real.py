@@ -6,9 +6,9 @@ import numpy as np
 
 from pipeline.level.field import Field
 from pipeline.level.fix import LevelFixer
-from pipeline.level.held_out import Sweeps
 from pipeline.level.level_map import Drawing
-from pipeline.level.verdict import OF_SWEEPS, USUAL, USUAL_LIMITS
+from pipeline.level.validation import Sweeps
+from pipeline.level.verdict import OF_SWEEPS, USUAL, USUAL_THRESHOLDS
 from pipeline.readers.carmen import Carmen
 
 HALF = 120
@@ -26,5 +26,5 @@ def test_seattle_is_found_again(real: Path) -> None:
     fixes = [LevelFixer().fix(field, gathered[row]).ordered(USUAL.pose) for row in rows]
     poses = np.array([fix.hypotheses[0].world_T_query for fix in fixes])
     assert OF_SWEEPS.right(poses, asked.world_T_sweep[rows]).all()
-    accepted = [USUAL.doubts(fix)[0] < USUAL_LIMITS["fix"][0] for fix in fixes]
+    accepted = [USUAL.error_probabilities(fix)[0] < USUAL_THRESHOLDS["fix"][0] for fix in fixes]
     assert sum(accepted) >= 3

@@ -39,7 +39,7 @@ def test_the_best_pose_is_the_best_of_all_cells_and_headings(
     best = search(field, points_m, keep=2)
     score = exhaustive(field, points_m)
     assert best.exact
-    assert best.scores[0] == pytest.approx(score)  # of poses that score alike it may be another
+    assert best.scores[0] == pytest.approx(score)  # of poses that score similar it may be another
     world = field.world_T_grid[:2, 3] + best.poses[0, :2]
     assert np.linalg.norm(world - place[:2]) < 0.3
 
@@ -71,7 +71,7 @@ def test_in_a_symmetric_room_two_poses_are_found() -> None:
     assert best.scores[1] > 0.97 * best.scores[0]
 
 
-def test_the_search_tells_if_it_ended_at_its_limit_of_nodes(field: Field) -> None:
+def test_the_search_tells_if_it_ended_at_its_threshold_of_nodes(field: Field) -> None:
     assert not search(field, sweep(4.0, 3.0, 0.3), keep=8, most_nodes=4).exact
     assert len(search(field, np.empty((0, 2))).poses) == 0
     assert len(search(field, np.full((50, 2), 500.0)).poses) == 0

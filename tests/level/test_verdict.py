@@ -1,13 +1,14 @@
-"""Verdicts on level fixes: the doubts in them, and the limits that held-out stretches keep."""
+"""Verdicts on level fixes: the error probabilities in them, and the limits that validation
+stretches keep."""
 
 import numpy as np
 import pytest
 
 from pipeline.level.beams import Support
 from pipeline.level.fix import Hypothesis, LevelFix, LevelFixer
-from pipeline.level.held_out import LevelHeldOut
-from pipeline.level.verdict import NO_EVIDENCE, OF_SWEEPS, USUAL, USUAL_LIMITS, verdict_of
-from pipeline.posing.verdict import Evidence
+from pipeline.level.validation import LevelValidation
+from pipeline.level.verdict import NO_EVIDENCE, OF_SWEEPS, USUAL, USUAL_THRESHOLDS, verdict_of
+from pipeline.posing.verdict import FixEvidence
 from tests.level.hall import drawing, drive, pose
 
 
@@ -24,31 +25,35 @@ def fixes_of(*scores: float) -> LevelFix:
     return LevelFix(tuple(hypothesis(10.0 * n, score) for n, score in enumerate(scores)))
 
 
-def test_each_sign_of_a_hypothesis_raises_its_chance() -> None:
-    usual = USUAL.doubts(fixes_of(0.9, 0.75))[0]
-    assert USUAL.doubts(fixes_of(0.95, 0.75))[0] < usual
-    assert USUAL.doubts(fixes_of(0.9, 0.85))[0] > usual
+def test_each_feature_of_a_hypothesis_raises_its_probability() -> None:
+    usual = USUAL.error_probabilities(fixes_of(0.9, 0.75))[0]
+    assert USUAL.error_probabilities(fixes_of(0.95, 0.75))[0] < usual
+    assert USUAL.error_probabilities(fixes_of(0.9, 0.85))[0] > usual
     loose = LevelFix((hypothesis(0, 0.9, sd_m=0.5), hypothesis(10, 0.75)))
-    assert USUAL.doubts(loose)[0] > usual
+    assert USUAL.error_probabilities(loose)[0] > usual
     contradicted = LevelFix((hypothesis(0, 0.9, through=0.3), hypothesis(10, 0.75)))
-    assert USUAL.doubts(contradicted)[0] > usual
-    assert USUAL.doubts(LevelFix()).tolist() == [1, 1, 1]
+    assert USUAL.error_probabilities(contradicted)[0] > usual
+    assert USUAL.error_probabilities(LevelFix()).tolist() == [1, 1, 1]
 
 
 def test_being_ahead_of_a_bad_hypothesis_counts_no_more_than_being_alone() -> None:
     # a hypothesis alone counts as if another had .75 of its quality; here the other has less
-    alone = fixes_of(0.8).signs
-    ahead = fixes_of(0.8, 0.3).signs
+    alone = fixes_of(0.8).features
+    ahead = fixes_of(0.8, 0.3).features
     assert alone[0, -1] == pytest.approx(0.25 * 0.8)
     assert ahead[0, -1] == alone[0, -1]
 
 
 def test_of_two_equal_poses_none_is_accepted_but_one_of_them_is_believed() -> None:
-    doubts = USUAL.doubts(fixes_of(0.95, 0.95))
-    assert doubts[0] > USUAL_LIMITS["fix"][0]
-    assert doubts[2] < doubts[0] / 2
+    error_probabilities = USUAL.error_probabilities(fixes_of(0.95, 0.95))
+    assert error_probabilities[0] > USUAL_THRESHOLDS["fix"][0]
+    assert error_probabilities[2] < error_probabilities[0] / 2
     # a single pose that is hardly believed is not one of several that are
-    assert USUAL.doubts(fixes_of(0.5))[2] == USUAL.doubts(fixes_of(0.5))[0] > 0.3
+    assert (
+        USUAL.error_probabilities(fixes_of(0.5))[2]
+        == USUAL.error_probabilities(fixes_of(0.5))[0]
+        > 0.3
+    )
 
 
 def test_right_is_within_a_metre_and_ten_degrees() -> None:
@@ -60,30 +65,33 @@ def test_right_is_within_a_metre_and_ten_degrees() -> None:
     assert is_near.tolist() == [True, False]
 
 
-def evidence(right_count: int, wrong_count: int) -> Evidence[LevelFix]:
-    """Fixes without doubt, each in a block of its own: the first ones right, the others wrong."""
+def evidence(right_count: int, wrong_count: int) -> FixEvidence[LevelFix]:
+    """Fixes without error probability, each in a block of its own: the first ones right, the others
+    wrong."""
     count = right_count + wrong_count
     true = np.stack([pose(0 if n < right_count else 30, 0, 0) for n in range(count)])
-    return Evidence([fixes_of(0.99, 0.5)] * count, true, np.zeros(count, bool), np.arange(count))
+    return FixEvidence([fixes_of(0.99, 0.5)] * count, true, np.zeros(count, bool), np.arange(count))
 
 
-def test_a_map_lowers_the_usual_limits_only_where_its_own_stretches_break_a_promise() -> None:
+def test_a_map_lowers_the_usual_thresholds_only_where_its_own_stretches_break_a_target_precision() -> (
+    None
+):
     for unbroken in (NO_EVIDENCE, evidence(20, 0)):
-        assert verdict_of(unbroken, 0.2).promised == USUAL_LIMITS
-    # 2 of 22 wrong, all of one doubt: neither .95 nor .99 is kept below any limit
+        assert verdict_of(unbroken, 0.2).claim_thresholds == USUAL_THRESHOLDS
+    # 2 of 22 wrong, all of one error probability: neither .95 nor .99 is kept below any limit
     assert verdict_of(evidence(20, 2), 0.2).kept == ()
 
 
-def test_evidence_alone_promises_only_what_one_more_wrong_fix_would_not_break() -> None:
+def test_evidence_alone_target_precisions_only_what_one_more_wrong_fix_would_not_break() -> None:
     # 30 right: 30 / 31 is .968, so .95 is kept and .99 is not
-    limits = evidence(30, 0).limits(USUAL, 0.0)["fix"]
-    assert [limit > 0 for limit in limits] == [True, False, False]
+    thresholds = evidence(30, 0).thresholds(USUAL, 0.0)["fix"]
+    assert [threshold > 0 for threshold in thresholds] == [True, False, False]
 
 
-def test_held_out_stretches_are_found_on_a_map_with_their_surroundings_only() -> None:
+def test_validation_stretches_are_found_on_a_map_with_their_surroundings_only() -> None:
     sweeps = drive()
-    held_out = LevelHeldOut(every_m=6.0, around_m=(30.0,))
-    own = held_out.evidence(LevelFixer(), sweeps, drawing(sweeps, cell_m=0.1), 3.0)
+    validation = LevelValidation(every_m=6.0, around_m=(30.0,))
+    own = validation.evidence(LevelFixer(), sweeps, drawing(sweeps, cell_m=0.1), 3.0)
     assert own.blocks == len(own.fixes) // 2 >= 3
     # within 30 m lies the whole hall: nothing is left to be found in
     for fix, true, unseen in zip(own.fixes, own.world_T_true, own.unseen, strict=True):

@@ -10,8 +10,8 @@ from pipeline.core.errors import ConfigError
 from pipeline.core.grid import Grid
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import Lifelong
-from pipeline.lifelong.steps import line, record, streets, surveyed
-from pipeline.lifelong.strategies import Frozen, Grown, Joint
+from pipeline.lifelong.steps import line, record, streets, supervised
+from pipeline.lifelong.strategies import Frozen, Incremental, Joint
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Rows
 from pipeline.studies.expansion import courses_of_model
@@ -31,19 +31,19 @@ def part(seed: int, first: int, last: int) -> Rows:
 
 
 DAYS = {"first": part(1, 0, 12), "second": part(2, 8, 18)}
-ASKED = {"between": part(3, 0, 12), "later": part(4, 6, 24)}
+QUERIED = {"between": part(3, 0, 12), "later": part(4, 6, 24)}
 
 
 def recorded(strategy: object) -> Lifelong:
-    """The record of a model that learns DAYS by a strategy, and is asked about ASKED."""
-    steps = surveyed(FIFTY, strategy, DAYS, NO_PLACES, None, Progress())
-    lifelong, cpu_s = record(steps, ASKED, lambda line: None, "days", "grown", 15.0)
+    """The record of a model that learns DAYS by a strategy, and is asked about QUERIED."""
+    steps = supervised(FIFTY, strategy, DAYS, NO_PLACES, None, Progress())
+    lifelong, cpu_s = record(steps, QUERIED, lambda line: None, "days", "incremental", 15.0)
     assert len(cpu_s) == len(lifelong.steps)
     return lifelong
 
 
 def shares(found: Lifelong) -> list[list[float]]:
-    """The share of right answers to queries known by the end, by step and asked day."""
+    """The share of right answers to queries known by the end, by step and queried day."""
     known = found.known_from >= 0
     day = found.day
     return [
@@ -52,23 +52,25 @@ def shares(found: Lifelong) -> list[list[float]]:
     ]
 
 
-def test_a_frozen_model_stays_and_a_grown_one_is_the_joint_one_of_a_database() -> None:
+def test_a_frozen_model_stays_and_a_incremental_one_is_the_joint_one_of_a_database() -> None:
     # Of the later day, scenes 6 to 11 are known after the first day, scenes 12 to 17 after the
     # second, and scenes 18 to 23 never.
-    frozen, grown, joint = (recorded(strategy) for strategy in (Frozen(), Grown(), Joint()))
+    frozen, incremental, joint = (
+        recorded(strategy) for strategy in (Frozen(), Incremental(), Joint())
+    )
     assert shares(frozen) == [[1, 0.5], [1, 0.5]]
-    assert shares(grown) == shares(joint) == [[1, 0.5], [1, 1]]
-    assert grown.steps == ("first", "second")
+    assert shares(incremental) == shares(joint) == [[1, 0.5], [1, 1]]
+    assert incremental.steps == ("first", "second")
     assert frozen.places == (12, 18)
-    known_from = grown.known_from[grown.day == 1][::EACH].tolist()
+    known_from = incremental.known_from[incremental.day == 1][::EACH].tolist()
     assert known_from == [0] * 6 + [1] * 6 + [-1] * 6
-    assert grown.bytes[1] > grown.bytes[0] == frozen.bytes[1]
+    assert incremental.bytes[1] > incremental.bytes[0] == frozen.bytes[1]
 
 
 def test_the_record_fits_its_schema_and_its_line_says_what_came_out(tmp_path: Path) -> None:
-    lifelong = recorded(Grown())
-    store.write(tmp_path / "grown.zarr", lifelong)
-    again = store.read(tmp_path / "grown.zarr", Lifelong)
+    lifelong = recorded(Incremental())
+    store.write(tmp_path / "incremental.zarr", lifelong)
+    again = store.read(tmp_path / "incremental.zarr", Lifelong)
     assert again.steps == ("first", "second")
     assert again.attrs == lifelong.attrs
     # 48 queries of the first day and 24 of the second are known after the first step, 24 more
@@ -86,10 +88,10 @@ def test_the_training_day_is_learned_in_four_parts_of_equal_length() -> None:
 
 
 def test_places_of_a_later_day_follow_the_known_ones_and_the_grid_is_extended() -> None:
-    first = NO_PLACES.grown(np.array([[17.0, 0.0], [1.0, 0.0]]))  # cells 2 and 0
+    first = NO_PLACES.incremental(np.array([[17.0, 0.0], [1.0, 0.0]]))  # cells 2 and 0
     assert first.cells.tolist() == [0, 2]
     # cell 1, and one four cells before the box of the grid
-    later = first.grown(np.array([[9.0, 0.0], [-30.0, 0.0]]))
+    later = first.incremental(np.array([[9.0, 0.0], [-30.0, 0.0]]))
     assert later.at(
         np.array([[1.0, 0.0], [17.0, 0.0], [-30.0, 0.0], [9.0, 0.0], [60.0, 0.0]])
     ).tolist() == [0, 1, 2, 3, -1]
@@ -109,20 +111,22 @@ def test_a_study_learns_every_second_day_and_asks_the_others() -> None:
 
 def test_only_what_is_trained_is_tuned_and_only_a_study_with_updates_updates() -> None:
     defaults = {
-        "courses": {"days": ["grown"]},
-        "trained": {"days": ["grown", "tuned"], "updates": ["updated"]},
+        "courses": {"days": ["incremental"]},
+        "trained": {"days": ["incremental", "fine_tuned"], "self_training": ["self_trained"]},
     }
-    assert courses(defaults, {}, has_updates=True) == {"days": ("grown",)}
-    assert courses(defaults, {"rehearsed": 2}, has_updates=False) == {"days": ("grown", "tuned")}
+    assert courses(defaults, {}, has_self_training=True) == {"days": ("incremental",)}
+    assert courses(defaults, {"replayed": 2}, has_self_training=False) == {
+        "days": ("incremental", "fine_tuned")
+    }
     found = courses_of_model(
         {"dataset": "campus", "grid": "10m", "model": "m"},
-        made_study(tests=["b"], learned=["a"], updates=["u"]),
+        made_study(tests=["b"], learned=["a"], self_training=["u"]),
         StudyMethod(
-            "m", "v", "m.py", courses=courses(defaults, {"rehearsed": 2}, has_updates=True)
+            "m", "v", "m.py", courses=courses(defaults, {"replayed": 2}, has_self_training=True)
         ),
     )
     assert {name: one["learned"] for name, one in found.items()} == {
-        "campus-10m-m-days-grown": "a",
-        "campus-10m-m-days-tuned": "a",
-        "campus-10m-m-updates-updated": "u",
+        "campus-10m-m-days-incremental": "a",
+        "campus-10m-m-days-fine_tuned": "a",
+        "campus-10m-m-self_training-self_trained": "u",
     }

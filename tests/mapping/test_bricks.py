@@ -1,6 +1,6 @@
 """The bricks of the dynamic octree: their memory follows what is known.
 
-That they hold the bits of a dense map is told by the bytes of bird-views (tests/views).
+That they hold the bits of a dense map is reported by the bytes of bird-views (tests/views).
 """
 
 import math

@@ -21,8 +21,8 @@ def drive(folder: Path, points: list[np.ndarray], world_T_scan: np.ndarray) -> D
 
 
 def test_a_footprint_holds_what_stands_and_was_met_more_than_once(tmp_path: Path) -> None:
-    """Seen from (0, 0) the post stands at (4.1, 2.1); from (10, 0), turned left, at (7.9, 4.1): both
-    thrice. A passer at (1, 1) is met once, the kerb is too low."""
+    """Seen from (0, 0) the post stands at (4.1, 2.1); from (10, 0), turned left, at (7.9, 4.1):
+    both thrice. A passer at (1, 1) is met once, the kerb is too low."""
     passer_m = np.array([(1.0, 1.0, 1.5)])
     poses = np.array([planar(0, 0, 0), planar(10, 0, 90)])
     clouds = [np.concatenate([POST_M, KERB_M, passer_m]), np.concatenate([POST_M, KERB_M])]

@@ -1,4 +1,4 @@
-"""Gathering: scans laid out in the newest one's frame, each read once, with the ground at 0."""
+"""Gathering: scans placed in the newest one's frame, each read once, with the ground at 0."""
 
 import tracemalloc
 from collections import Counter
@@ -22,7 +22,8 @@ NAN4 = np.full((4, 4), np.nan)
 
 
 def scans(folder: Path, points: list[np.ndarray], start_T_scan: np.ndarray) -> Scans:
-    """Write scans of these points, whose odometry is the truth too, as an artifact, and open it."""
+    """Write scans of these points, whose odometry is the ground truth too, as an artifact, and open
+    it."""
     return write_scans(folder / "scans.zarr", points, start_T_scan)
 
 
@@ -89,12 +90,12 @@ def test_each_scan_is_read_once_and_blocks_of_any_size_say_the_same(
     """Against the definition: every submap put together on its own, from float64 poses."""
     rng = np.random.default_rng(3)
     clouds = [np.round(rng.uniform(-20, 20, (rng.integers(0, 9), 3)), 2) for _ in range(40)]
-    truth = pose(
+    ground_truth = pose(
         np.cumsum(rng.uniform(0, 0.6, (40, 3)), axis=0),
         np.cumsum(rng.normal(0, 0.1, (40, 3)), axis=0),
     )
-    truth[17] = NAN4
-    artifact = scans(tmp_path, clouds, truth)
+    ground_truth[17] = NAN4
+    artifact = scans(tmp_path, clouds, ground_truth)
     made = cut(artifact, window_m=4.0)
     monkeypatch.setattr(gathering, "BLOCK", block)
     moved = Counter[int]()
@@ -108,7 +109,7 @@ def test_each_scan_is_read_once_and_blocks_of_any_size_say_the_same(
     assert len(found) == len(made.scans) > 10
     for first, last, points in zip(made.first, made.scans, found, strict=True):
         rows = [row for row in range(first, last + 1) if made.used[row]]
-        last_T_row = [np.linalg.inv(truth[last]) @ truth[row] for row in rows]
+        last_T_row = [np.linalg.inv(ground_truth[last]) @ ground_truth[row] for row in rows]
         wanted = [
             clouds[row] @ a_T_b[:3, :3].T + a_T_b[:3, 3]
             for row, a_T_b in zip(rows, last_T_row, strict=True)

@@ -14,8 +14,8 @@ from pipeline.core.errors import InputError
 from pipeline.mapping.octree import Octree, OctreeMap
 from pipeline.readers.kitti import Kitti
 
-HIT = 0.8472979
-MISS = -0.4054651
+TRUE_POSITIVE = 0.8472979
+FALSE_NEGATIVE = -0.4054651
 HIGHEST = 3.5110307
 OCTOMAP = Octree(edge_m=16.0, depth=5, motion="none", sensor_height_m=0.0)
 """A map with leaves of 0.5 m, whose sensor is at the origin of the vehicle."""
@@ -81,7 +81,8 @@ def test_octomaps_diagonal() -> None:
     ]
     made = known(grown(Octree(**vars(OCTOMAP) | {"rays": "all"}), (2.6, 1.3, 0.1)))
     assert made == pytest.approx(
-        {(x, y, 0.25): MISS for x, y in free} | {(2.75, 1.25, 0.25): HIT}, abs=1e-6
+        {(x, y, 0.25): FALSE_NEGATIVE for x, y in free} | {(2.75, 1.25, 0.25): TRUE_POSITIVE},
+        abs=1e-6,
     )
 
 
@@ -90,11 +91,15 @@ def test_octomaps_longest_ray(scans: int) -> None:
     made = known(
         grown(Octree(**vars(OCTOMAP) | {"max_range_m": 1.2}), (2.6, 0.1, 0.1), scans=scans)
     )
-    assert made == pytest.approx({(x, 0.25, 0.25): scans * MISS for x in (0.25, 0.75)}, abs=1e-6)
+    assert made == pytest.approx(
+        {(x, 0.25, 0.25): scans * FALSE_NEGATIVE for x in (0.25, 0.75)}, abs=1e-6
+    )
 
 
 def test_a_point_in_the_sensors_own_leaf_clears_nothing() -> None:
-    assert known(grown(OCTOMAP, (0.3, 0.1, 0.1))) == pytest.approx({(0.25, 0.25, 0.25): HIT})
+    assert known(grown(OCTOMAP, (0.3, 0.1, 0.1))) == pytest.approx(
+        {(0.25, 0.25, 0.25): TRUE_POSITIVE}
+    )
 
 
 def cells_of(start: np.ndarray, end: np.ndarray) -> list[tuple[int, ...]]:
@@ -139,7 +144,7 @@ def test_rays_cross_the_cells_that_exact_arithmetic_says_and_stop_at_the_window(
     crossed = {cell for end in cut for cell in cells_of(origin, end)}
     low = np.rint(made.corner_m / 0.5).astype(int)
     expected = np.zeros((16, 16, 16), np.float32)
-    for cells, value in ((crossed, MISS), (hits, HIT)):
+    for cells, value in ((crossed, FALSE_NEGATIVE), (hits, TRUE_POSITIVE)):
         for cell in np.array(sorted(cells)) - low:
             if (cell >= 0).all() and (cell < 16).all():
                 expected[tuple(cell)] = value
@@ -214,7 +219,7 @@ def test_what_has_faded_is_unknown_again() -> None:
     # w(3) = exp(−4.5) = .0111 a scan: .847 → .0094 → 1.0e-4, below 1e-3.
     made = grown(Octree(**vars(OCTOMAP) | {"motion": "gaussian"}), (2.6, 0.1, 0.1))
     made.insert(np.empty((0, 3)), at(0.1, 0.1, 6.1))
-    assert known(made)[2.75, 0.25, 0.25] == pytest.approx(HIT * math.exp(-4.5), rel=1e-4)
+    assert known(made)[2.75, 0.25, 0.25] == pytest.approx(TRUE_POSITIVE * math.exp(-4.5), rel=1e-4)
     made.insert(np.empty((0, 3)), at(*ORIGIN))
     assert not made.log_odds.any()
 
@@ -317,4 +322,4 @@ def test_real_scans_make_octomaps_map(real: Path) -> None:
     assert known > 150_000
     assert 1 - differ[1] / known >= 0.9999  # the goal is 0.995
     assert differ[1] <= differ[0] < 100
-    assert np.abs(theirs - made.log_odds).max() < 2 * (HIT - MISS)
+    assert np.abs(theirs - made.log_odds).max() < 2 * (TRUE_POSITIVE - FALSE_NEGATIVE)

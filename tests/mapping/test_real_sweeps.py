@@ -73,7 +73,7 @@ def test_laser_scans_of_a_bag_become_submaps(tmp_path: Path) -> None:
             pose[0, 3] = step / 10
             bag.odometry(stamp_ns, "map", "base_link", pose, "/odom")
             bag.laser_scan(stamp_ns, "laser", np.array([np.inf, 5.0]), 0.0, np.pi / 2, 0.1, 30.0)
-    log = Bag(points="/scan", truth="/odom", odometry="/odom").open(tmp_path, "monday")
+    log = Bag(points="/scan", ground_truth="/odom", odometry="/odom").open(tmp_path, "monday")
     scans = taken(tmp_path / "monday.zarr", log)
     flat = yaml.safe_load((ROOT / "conf/submap/flat.yaml").read_text()) | {"window_m": 2.0}
     assert flat.pop("_target_").endswith("Accumulated")

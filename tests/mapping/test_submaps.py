@@ -56,8 +56,10 @@ def poses(*xs: float) -> np.ndarray:
 def windows(
     *xs: float, placed: np.ndarray | None = None, window_m: float = 2.0
 ) -> tuple[list[int], list[int], dict[str, int]]:
-    truth = poses(*np.arange(float(len(xs)))) if placed is None else placed
-    first, last, left_out = Accumulated(step_m=1.0, window_m=window_m).windows(poses(*xs), truth)
+    ground_truth = poses(*np.arange(float(len(xs)))) if placed is None else placed
+    first, last, left_out = Accumulated(step_m=1.0, window_m=window_m).windows(
+        poses(*xs), ground_truth
+    )
     return first.tolist(), last.tolist(), +left_out
 
 
@@ -68,7 +70,7 @@ def test_a_window_reaches_back_over_its_length_of_odometry() -> None:
 
 
 def test_no_window_reaches_across_a_break_in_the_odometry() -> None:
-    # After the break the path is counted anew: 10, 11, 12 is the first whole window.
+    # After the break the path is counted again: 10, 11, 12 is the first whole window.
     assert windows(0, 1, 2, NAN, 10, 11, 12, 13) == (
         [0, 4, 5],
         [2, 6, 7],

@@ -1,4 +1,4 @@
-"""The database of descriptor methods: rankings of its rows, and the evidence of its held-out
+"""The database of descriptor methods: rankings of its rows, and the evidence of its validation
 blocks.
 
 It has six rows 10 m apart along x, two of each place.
@@ -50,7 +50,7 @@ def test_the_heading_of_an_answer_is_its_rows_and_the_turn_against_it():
     np.testing.assert_allclose(ranking.heading_deg, [[-160, 175]])
 
 
-def test_held_out_rows_are_looked_for_in_the_rest_and_again_without_their_surroundings():
+def test_validation_rows_are_looked_for_in_the_rest_and_again_without_their_surroundings():
     # Blocks of 10 m every 20 m hold rows 1, 3 and 5 (path + 10 m, modulo 20 m, below 10 m); of
     # their places each keeps a row.
     evidence = DATABASE.evidence(euclidean(DESCRIPTORS), VIEWS, M2dp(False, 20, 10, 15))

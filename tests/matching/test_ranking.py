@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.alterations import Case
 from pipeline.core import store
 from pipeline.core.errors import ArtifactError, InputError
 from pipeline.core.schemas import ScanContextViews
 from pipeline.matching.ranking import Ranking, Rows, joined
+from pipeline.perturbations import Case
 
 IMAGES = np.arange(6 * 2 * 3, dtype=np.float32).reshape(6, 2, 3)
 POSES = np.tile(np.eye(4), (6, 1, 1)) * np.arange(6)[:, None, None]

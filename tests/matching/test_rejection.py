@@ -1,4 +1,4 @@
-"""Rejection: thresholds that keep a wanted precision, chosen on the evidence of held-out queries.
+"""Rejection: thresholds that keep a target precision, chosen on the evidence of validation queries.
 
 The precisions in the comments are worked out by hand: right ones over accepted ones, with one more
 counted as wrong.
@@ -16,16 +16,16 @@ from pipeline.matching.ranking import Ranking
 from pipeline.matching.rejection import (
     ACCEPT_NOTHING,
     LEAST_BLOCKS,
-    Evidence,
+    NoveltyEvidence,
     Rejection,
     Threshold,
     reachable_threshold,
     threshold_for,
 )
 
-# Four held-out queries, each in a block of its own, the third misplaced. For both kinds of novelty,
-# how new they look as they are, and then with the places around them left out.
-EVIDENCE = Evidence(
+# Four validation queries, each in a block of its own, the third misplaced. For both kinds of
+# novelty, how new they look as they are, and then with the places around them left out.
+EVIDENCE = NoveltyEvidence(
     np.array([True, True, False, True]),
     {"entropy": np.array([0.1, 0.2, 0.3, 0.4]), "energy": np.array([-9.0, -8.0, -7.0, -6.0])},
     {"entropy": np.array([0.25, 0.5, 0.6, 0.7]), "energy": np.array([-10.0, -10.0, -10.0, -10.0])},
@@ -42,7 +42,7 @@ RANKING = Ranking(
 )
 
 
-def test_a_threshold_keeps_the_wanted_precision_among_seen_and_unseen() -> None:
+def test_a_threshold_keeps_the_target_precision_among_seen_and_unseen() -> None:
     # Half of the queries unseen, each counting half, in order of entropy: right .1, right .2,
     # unseen .25, wrong .3, right .4, unseen .5, .6, .7. One more counted wrong, kept are .5/1.5,
     # 1/2, 1/2.5, 1/3, 1.5/3.5, 1.5/4, 1.5/4.5, 1.5/5.
@@ -59,46 +59,50 @@ def test_a_threshold_keeps_the_wanted_precision_among_seen_and_unseen() -> None:
         EVIDENCE.arrays(), ("entropy", "energy")
     )
     assert entropy.reject_from == energy.reject_from == ACCEPT_NOTHING
-    assert np.isnan([entropy.kept_precision, energy.kept_precision]).all()
+    assert np.isnan([entropy.validation_precision, energy.validation_precision]).all()
 
 
 def test_evidence_survives_being_part_of_a_model_and_one_without_is_refused() -> None:
-    back = Evidence.of({"net/weight": np.zeros(3), **EVIDENCE.arrays()})
+    back = NoveltyEvidence.of({"net/weight": np.zeros(3), **EVIDENCE.arrays()})
     np.testing.assert_array_equal(back.right, EVIDENCE.right)
     for mine, theirs in ((back.seen, EVIDENCE.seen), (back.unseen, EVIDENCE.unseen)):
         assert mine.keys() == theirs.keys()
         for kind in mine:
             np.testing.assert_allclose(mine[kind], theirs[kind], rtol=1e-6)
     assert (back.block.tolist(), back.blocks) == ([0, 1, 2, 3], 4)
-    with pytest.raises(InputError, match="held_out/right"):
-        Evidence.of({"net/weight": np.zeros(3)})
-    earlier = {name: array for name, array in EVIDENCE.arrays().items() if name != "held_out/block"}
+    with pytest.raises(InputError, match="validation/right"):
+        NoveltyEvidence.of({"net/weight": np.zeros(3)})
+    earlier = {
+        name: array for name, array in EVIDENCE.arrays().items() if name != "validation/block"
+    }
     with pytest.raises(
         InputError,
-        match="the model has no held_out/block: an earlier version made it; train it anew",
+        match="the model has no validation/block: an earlier version made it; train it again",
     ):
-        Evidence.of(earlier)
+        NoveltyEvidence.of(earlier)
 
 
 def test_blocks_of_several_days_stay_apart() -> None:
-    assert Evidence.joined([EVIDENCE, EVIDENCE]).block.tolist() == [0, 1, 2, 3, 4, 5, 6, 7]
+    assert NoveltyEvidence.joined([EVIDENCE, EVIDENCE]).block.tolist() == [0, 1, 2, 3, 4, 5, 6, 7]
 
 
 def test_queries_of_one_block_share_a_weight_of_one() -> None:
     # Twenty right answers, none unseen to expect: each a block keep 20 of 21, ten in each of two
     # blocks 2 of 3.
     novelty = {"entropy": np.arange(20) / 100}
-    alone = Evidence(np.ones(20, bool), novelty, {"entropy": np.ones(20)}, np.arange(20))
-    together = Evidence(np.ones(20, bool), novelty, {"entropy": np.ones(20)}, np.repeat([0, 1], 10))
+    alone = NoveltyEvidence(np.ones(20, bool), novelty, {"entropy": np.ones(20)}, np.arange(20))
+    together = NoveltyEvidence(
+        np.ones(20, bool), novelty, {"entropy": np.ones(20)}, np.repeat([0, 1], 10)
+    )
     (kept,) = Rejection("own", 0.9, 0.0).thresholds(alone.arrays(), ("entropy",))
-    assert kept.kept_precision == pytest.approx(20 / 21)
+    assert kept.validation_precision == pytest.approx(20 / 21)
     (nothing,) = Rejection("own", 0.9, 0.0).thresholds(together.arrays(), ("entropy",))
     assert nothing.reject_from == ACCEPT_NOTHING
     (less,) = Rejection("own", 0.66, 0.0).thresholds(together.arrays(), ("entropy",))
-    assert less.kept_precision == pytest.approx(2 / 3)
+    assert less.validation_precision == pytest.approx(2 / 3)
     # A block of two queries counts as one of one: right, then wrong and right in one block, keep
     # 1/2, 1/2.5, 1.5/3.
-    uneven = Evidence(
+    uneven = NoveltyEvidence(
         np.array([1, 0, 1], bool),
         {"e": np.array([1.0, 2, 3])},
         {"e": np.full(3, 9.0)},
@@ -141,13 +145,13 @@ def test_a_threshold_stands_midway_to_the_next_novelty_and_just_above_the_last()
     )
 
 
-def test_where_the_wanted_precision_is_not_kept_the_most_is_reached() -> None:
+def test_where_the_target_precision_is_not_kept_the_most_is_reached() -> None:
     # Twelve, the third and the last wrong: of the first eleven 9 are right, 9 of 12, more than 8 of
     # 11 or 9 of 13.
     assert LEAST_BLOCKS == 10
     assert reached(0.9, [1, 1, 0, 1, 1, 0, 1, 1, 1, 1, 1, 0]) == pytest.approx((10.5, 0.75))
-    # 10 of 12 are .8333...: told as .833, since .834 would promise more than is kept.
-    assert reached(0.9, [1, 1, 0, 1, 1, 1, 1, 1, 1, 1, 1, 0]).kept_precision == 0.833
+    # 10 of 12 are .8333...: reported as .833, since .834 would claim more than is reached.
+    assert reached(0.9, [1, 1, 0, 1, 1, 1, 1, 1, 1, 1, 1, 0]).validation_precision == 0.833
     # 8 of 9 would be more, but of eight blocks: the first ten keep 8 of 11.
     assert reached(0.9, [1] * 8 + [0] * 4) == pytest.approx((9.5, 0.727))
 
@@ -160,7 +164,7 @@ def test_too_few_blocks_or_none_right_offer_nothing() -> None:
         reached(0.9, []),
     ):
         assert none.reject_from == ACCEPT_NOTHING
-        assert np.isnan(none.kept_precision)
+        assert np.isnan(none.validation_precision)
 
 
 def test_a_line_says_what_is_kept_where_less_than_wanted() -> None:
@@ -169,7 +173,7 @@ def test_a_line_says_what_is_kept_where_less_than_wanted() -> None:
 
     def said(right: list[int]) -> str:
         n = len(right)
-        evidence = Evidence(
+        evidence = NoveltyEvidence(
             np.array(right, bool), {"e": novelty["e"][:n]}, {"e": np.full(n, 99.0)}, np.arange(n)
         )
         (threshold,) = rejection.thresholds(evidence.arrays(), ("e",))
@@ -177,10 +181,11 @@ def test_a_line_says_what_is_kept_where_less_than_wanted() -> None:
 
     assert said([1] * 12) == "7 rejected"
     assert (
-        said([1] * 8 + [0] * 4) == "7 rejected; keeps 0.727 of the wanted 0.9 on 12 held-out blocks"
+        said([1] * 8 + [0] * 4)
+        == "7 rejected; keeps 0.727 of the wanted 0.9 on 12 validation blocks"
     )
     nothing = (
-        "all rejected: no threshold keeps the wanted 0.9 on held-out blocks, or is right on 10 of "
+        "all rejected: no threshold keeps the wanted 0.9 on validation blocks, or is right on 10 of "
         "them (there are 6)"
     )
     assert said([1] * 6) == nothing
@@ -206,9 +211,9 @@ def test_the_wanted_kind_of_novelty_comes_first() -> None:
             {"novelty": "distance"},
             "rejection.novelty=distance: expected own or one of entropy, energy",
         ),
-        ({"wanted_precision": 1.5}, "rejection.wanted_precision=1.5: expected a share from 0 to 1"),
+        ({"target_precision": 1.5}, "rejection.target_precision=1.5: expected a share from 0 to 1"),
         ({"unseen_share": -0.1}, "rejection.unseen_share=-0.1"),
-        ({"wanted_precision": "much"}, "rejection.wanted_precision=much: expected a number"),
+        ({"target_precision": "much"}, "rejection.target_precision=much: expected a number"),
     ],
 )
 def test_a_wrong_setting_is_one_line(settings_: dict[str, object], said: str) -> None:
@@ -266,11 +271,11 @@ def test_what_is_said_to_be_kept_is_kept_and_no_larger_threshold_keeps_it(
     threshold = reached(wanted, right, novelty=novelty)  # type: ignore[arg-type]
     accepted = novelty < threshold.reject_from
     if not accepted.any():
-        assert np.isnan(threshold.kept_precision)
+        assert np.isnan(threshold.validation_precision)
         return
     kept = right[accepted].sum() / (accepted.sum() + 1)
-    assert threshold.kept_precision - 1e-8 <= kept <= threshold.kept_precision + 0.0011
-    bound = wanted if threshold.kept_precision >= wanted else kept
+    assert threshold.validation_precision - 1e-8 <= kept <= threshold.validation_precision + 0.0011
+    bound = wanted if threshold.validation_precision >= wanted else kept
     for larger in np.unique(novelty[~accepted]):
         assert right[novelty <= larger].sum() / ((novelty <= larger).sum() + 1) < bound + 1e-9
 

@@ -93,7 +93,7 @@ def test_fewer_queries_than_a_sequence_are_answered_by_what_there_is() -> None:
 @pytest.mark.parametrize("n", [1, 2, 4, 9])
 def test_fewer_rows_than_a_sequence_still_answer(n: int) -> None:
     rows = np.arange(40) % n
-    ranking = SequenceMethod(contrast_rows=2).ranked(
+    ranking = SequenceMethod(normalisation_rows=2).ranked(
         database(n), differences(rows, references=LOOKS[:n]), 1
     )
     assert (ranking.places >= 0).all()
@@ -188,7 +188,7 @@ def test_a_query_s_cost_as_novelty_does_not_hang_on_what_else_is_ranked() -> Non
     np.testing.assert_allclose(rise, rise[0, 0], atol=1e-3)
 
 
-def test_the_author_s_score_is_told_as_it_is() -> None:
+def test_the_author_s_score_is_reported_as_it_is() -> None:
     ranking = ranked(np.arange(30, 80), noise=2.5, subtract_minimum=False)
     costs = ranking.costs[:, 0].astype(float)
     assert (costs < 0).all()  # so that the score, 1 / cost, falls as the match gets better
@@ -210,20 +210,20 @@ def test_of_equally_good_rows_the_first_answers() -> None:
     )
 
 
-def test_held_out_rows_ask_in_one_drive_and_are_not_their_own_answer() -> None:
+def test_validation_rows_ask_in_one_drive_and_are_not_their_own_answer() -> None:
     given: list[np.ndarray] = []
 
     def difference(known: np.ndarray, asking: np.ndarray) -> np.ndarray:
         given[:] = known, asking
-        smooth = np.cumsum(LOOKS, axis=0)  # neighbours look alike, 4 apart
+        smooth = np.cumsum(LOOKS, axis=0)  # neighbours look similar, 4 apart
         return np.asarray(
             np.linalg.norm(smooth[known][:, None] - smooth[asking], axis=2), np.float32
         )
 
-    method = SequenceMethod(held_out_every_m=80.0, held_out_length_m=20.0, neighbour_m=20.0)
+    method = SequenceMethod(validation_every_m=80.0, validation_length_m=20.0, neighbour_m=20.0)
     views = path()
     places = np.arange(ROWS) // 5
-    held = method.held_out(views)
+    held = method.validation(views)
     # Blocks of 20 m around 40, 120 and 200 m, ten rows each, of which five are odd.
     np.testing.assert_array_equal(np.flatnonzero(held)[:10], np.arange(20, 30))
     evidence = method.evidence(Database.learned(views, places), views, difference)
@@ -234,7 +234,7 @@ def test_held_out_rows_ask_in_one_drive_and_are_not_their_own_answer() -> None:
     assert set(evidence.seen) == set(evidence.unseen) == {"cost", "ratio"}
     assert (evidence.unseen["cost"] > evidence.seen["cost"]).all()
     assert evidence.block.tolist() == [0] * 5 + [1] * 5 + [2] * 5
-    for threshold, kept in Rejection(wanted_precision=0.6).thresholds(
+    for threshold, kept in Rejection(target_precision=0.6).thresholds(
         {**evidence.arrays()}, ("cost", "ratio")
     ):
         assert np.isfinite(threshold)

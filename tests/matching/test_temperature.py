@@ -1,4 +1,4 @@
-"""Temperature scaling: how over-confident a network is, and when that cannot be told."""
+"""Temperature scaling: how over-confident a network is, and when that cannot be reported."""
 
 import numpy as np
 from scipy.special import softmax

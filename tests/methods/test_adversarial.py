@@ -218,7 +218,7 @@ def test_all_players_learn_and_the_last_weights_stay() -> None:
     assert not any(
         same(part, other) for part, other in zip(game.children(), before.children(), strict=True)
     )
-    assert looked_at(game.eval())["held_out_error"] == curves["held_out_error"][-1]
+    assert looked_at(game.eval())["validation_error"] == curves["validation_error"][-1]
 
 
 def test_the_last_round_is_kept_where_places_are_not_to_choose() -> None:
@@ -227,7 +227,7 @@ def test_the_last_round_is_kept_where_places_are_not_to_choose() -> None:
     game = small(OBJECTIVES["least_squares"])
     before = small(OBJECTIVES["least_squares"])
     curves = train(game, judge=lambda game: {ACCURACY: next(right)}, rounds=2, how=last)
-    train(before, judge=lambda game: {"held_out_error": 1.0}, rounds=2)  # the last of equals
+    train(before, judge=lambda game: {"validation_error": 1.0}, rounds=2)  # the last of equals
     assert (last.kept_round(curves), HOW.kept_round(curves)) == (1, 0)
     assert same(game.encoder, before.encoder)
 
@@ -267,7 +267,7 @@ def test_a_collapse_is_seen() -> None:
         images,
     )
     assert seen == pytest.approx(
-        {"held_out_error": 0.5, "black_error": 2.5, "code_variance": 6.25, "code_distance": 5.0}
+        {"validation_error": 0.5, "black_error": 2.5, "code_variance": 6.25, "code_distance": 5.0}
     )
     collapsed = health(
         Fixed(lambda x: torch.ones(2, 2)), Fixed(lambda z: torch.ones(2, 1, 1, 1)), images

@@ -14,7 +14,7 @@ def test_it_learns_by_the_joint_game_alone() -> None:
     )
     model = small.learn(along(images), np.zeros(6, np.int64), Progress())
     terms = {name.removeprefix("curves/") for name in model if name.startswith("curves/")}
-    health = {"held_out_accuracy", "held_out_error", "black_error", "code_variance"}
+    health = {"validation_accuracy", "validation_error", "black_error", "code_variance"}
     health |= {"code_distance"}
     assert terms == {"joint_discriminator", "joint_generator"} | health
     assert model["codes"].shape == (6, 8, 512)

@@ -25,21 +25,31 @@ from tests.methods import test_sci_ring as sci_ring
 SIGNATURES = np.random.default_rng(1).random((2, 60, 192), np.float32)
 IMAGES = np.zeros((4, 16, 64, 64), np.uint8)
 METHODS: dict[str, tuple[Any, Rows, Rows, np.ndarray]] = {
-    "sci": (sci.SMALL, sci.rows(2), sci.rows(3), sci.TRUTH),
+    "sci": (sci.SMALL, sci.rows(2), sci.rows(3), sci.GROUND_TRUTH),
     "sci_ring": (
         replace(sci_ring.SMALL, epochs=3),
         sci_ring.rows(2),
         sci_ring.rows(3),
-        sci_ring.TRUTH,
+        sci_ring.GROUND_TRUTH,
     ),
-    "fifty": (scan_context.FIFTY, scan_context.rows(1), scan_context.rows(2), scan_context.TRUTH),
-    "all": (scan_context.ALL, scan_context.rows(1), scan_context.rows(2), scan_context.TRUTH),
+    "fifty": (
+        scan_context.FIFTY,
+        scan_context.rows(1),
+        scan_context.rows(2),
+        scan_context.GROUND_TRUTH,
+    ),
+    "all": (
+        scan_context.ALL,
+        scan_context.rows(1),
+        scan_context.rows(2),
+        scan_context.GROUND_TRUTH,
+    ),
     "m2dp": (M2dp(), along(SIGNATURES[0]), along(SIGNATURES[1]), np.arange(60)),
     "pointnetvlad": (
         pointnetvlad.SMALL,
         pointnetvlad.rows(),
         pointnetvlad.rows(3),
-        pointnetvlad.TRUTH,
+        pointnetvlad.GROUND_TRUTH,
     ),
     "pfl": (pfl.SMALL, pfl.rows(), pfl.rows(2), pfl.PLACES),
     "sad": (Sad(), along(IMAGES), along(IMAGES), np.arange(4)),
@@ -126,26 +136,26 @@ def test_other_views_are_refused(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in METHODS if name not in ("pfl", "sad")])
-def test_a_grown_model_knows_the_new_place_and_the_old_ones(name: str) -> None:
+def test_a_incremental_model_knows_the_new_place_and_the_old_ones(name: str) -> None:
     method, views, queries, places = METHODS[name]
     is_known = places < places.max()
     budget = Progress(budget=1.0)
     parts = [TrainingSet(views.some(rows), places[rows]) for rows in (is_known, ~is_known)]
     if name in ("sci", "sci_ring"):
-        method = replace(method, grown=0.5, epochs=16)
+        method = replace(method, incremental=0.5, epochs=16)
     model = method.learn(*parts[0], budget)
-    grown = method.grow(model, *parts, budget)
-    assert same(method.grow(model, *parts, budget), grown)
+    incremental = method.extend(model, *parts, budget)
+    assert same(method.extend(model, *parts, budget), incremental)
     # Signatures here are made up, another day's are others
     queries = views if name == "m2dp" else queries
-    answers = method.localizer(grown)(queries, 1).places[:, 0]
+    answers = method.localizer(incremental)(queries, 1).places[:, 0]
     assert (answers == places)[is_known].mean() > 0.9
     assert (answers == places)[~is_known].mean() > 0.9
     assert (method.localizer(model)(queries, 1).places[:, 0] == places)[~is_known].mean() == 0
 
 
 @pytest.mark.parametrize("name", ["pfl", "sad"])
-def test_a_grown_database_of_sequences_has_all_rows_and_the_same_networks(name: str) -> None:
+def test_a_incremental_database_of_sequences_has_all_rows_and_the_same_networks(name: str) -> None:
     method, views, _, places = METHODS[name]
     is_known = np.arange(len(places)) < len(places) - 1
     is_known[np.unique(places, return_index=True)[1]] = True
@@ -155,10 +165,12 @@ def test_a_grown_database_of_sequences_has_all_rows_and_the_same_networks(name: 
         if (~is_known).any()
         else TrainingSet(views.some(slice(1)), places[:1])
     )
-    grown = method.grow(model, TrainingSet(views.some(is_known), places[is_known]), new, SHARE)
-    assert len(grown["database/places"]) == is_known.sum() + len(new)
+    incremental = method.extend(
+        model, TrainingSet(views.some(is_known), places[is_known]), new, SHARE
+    )
+    assert len(incremental["database/places"]) == is_known.sum() + len(new)
     networks = [key for key in model if key.startswith("net/")]
-    assert all(np.array_equal(grown[key], model[key]) for key in networks)
+    assert all(np.array_equal(incremental[key], model[key]) for key in networks)
 
 
 def test_a_place_without_a_view_is_refused() -> None:

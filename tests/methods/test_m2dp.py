@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.core.progress import Progress
 from pipeline.matching.ranking import Rows
-from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
+from pipeline.matching.rejection import ACCEPT_NOTHING, NoveltyEvidence, Rejection
 from pipeline.methods.m2dp import M2dp
 from pipeline.readers.kitti import read_velodyne
 from pipeline.views import m2dp as views
@@ -38,25 +38,25 @@ def test_the_nearest_signature_answers_and_its_distance_is_cost_and_novelty() ->
     assert np.isnan(ranking.heading_deg).all()
 
 
-def test_what_training_never_saw_is_rejected_by_the_threshold_of_the_held_out_blocks() -> None:
+def test_what_training_never_saw_is_rejected_by_the_threshold_of_the_validation_blocks() -> None:
     rng = np.random.default_rng(0)
     n = 200
     # Signatures that change along the path, some 0.7 a row
     path = np.cumsum(rng.normal(0, 0.05, (n, 192)), axis=0)
     training = rows(path)
     again = rows(path + rng.normal(0, 0.01, path.shape))
-    method = M2dp(held_out_length_m=1.0)  # one row in forty
+    method = M2dp(validation_length_m=1.0)  # one row in forty
     places = (
         np.arange(n) + 5
-    ) // 10  # rows 20, 60, ... 180 are held out, each in the middle of its place
+    ) // 10  # rows 20, 60, ... 180 are kept for validation, each in the middle of its place
     model = method.learn(training, places, Progress())
-    evidence = Evidence.of(model)
+    evidence = NoveltyEvidence.of(model)
     assert (evidence.unseen["distance"] > evidence.seen["distance"]).all()
     # Five blocks, all right, a fifth of the queries unseen: 4 of 4, and one more counted wrong.
-    ((threshold, kept_precision),) = Rejection(wanted_precision=0.8).thresholds(
+    ((threshold, validation_precision),) = Rejection(target_precision=0.8).thresholds(
         model, ("distance",)
     )
-    assert kept_precision == pytest.approx(0.8)
+    assert validation_precision == pytest.approx(0.8)
     assert threshold > ACCEPT_NOTHING
     ranking = method.localizer(model)(again, 1)
     assert (ranking.places[:, 0] == places).all()

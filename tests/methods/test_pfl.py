@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 
 from pipeline.core.progress import Progress
 from pipeline.matching.ranking import Model, Rows
-from pipeline.matching.rejection import Evidence, Rejection
+from pipeline.matching.rejection import NoveltyEvidence, Rejection
 from pipeline.methods.pfl.bigan import Encoder
 from pipeline.methods.pfl.features import JUDGED_IMAGES
 from pipeline.methods.pfl.game import OBJECTIVES
@@ -30,8 +30,8 @@ SMALL = Pfl(
     precision="f32",
     threads=1,
     length=4,
-    held_out_every_m=24,
-    held_out_length_m=8,
+    validation_every_m=24,
+    validation_length_m=8,
     neighbour_m=5,
 )
 PROGRESS = Progress(budget=0.25)
@@ -56,24 +56,26 @@ def model(seed: int) -> Model:
 
 
 @pytest.mark.learning
-def test_noisy_views_are_known_and_their_heading_told(model: Model, clears: Clears) -> None:
+def test_noisy_views_are_known_and_their_heading_reported(model: Model, clears: Clears) -> None:
     ranking = SMALL.localizer(model)(rows(2), 3)
     clears((ranking.places[:, 0] == PLACES).mean(), 0.8)
     assert np.abs(ranking.xy_m[:, 0, 0] - 2 * np.arange(ROWS)).mean() < 1
     assert ranking.kinds == ("cost", "ratio")
-    # Headings 0 and 45 show the same picture here; the first of equals is told for most.
+    # Headings 0 and 45 show the same picture here; the first of equals is reported for most.
     clears(np.isin(ranking.heading_deg[:, 0], [0, 45]).mean(), 0.8)
 
 
 @pytest.mark.learning
-@pytest.mark.parametrize(("quarters", "told"), [(1, (90, 135)), (2, (180, -135)), (3, (-90, -45))])
-def test_a_turned_robot_is_known_and_told(
-    model: Model, quarters: int, told: tuple[float, float], clears: Clears
+@pytest.mark.parametrize(
+    ("quarters", "reported"), [(1, (90, 135)), (2, (180, -135)), (3, (-90, -45))]
+)
+def test_a_turned_robot_is_known_and_reported(
+    model: Model, quarters: int, reported: tuple[float, float], clears: Clears
 ) -> None:
     turned = replace(rows(2), images=np.roll(rows(2).images, -4 * quarters, axis=1))
     ranking = SMALL.localizer(model)(turned, 1)
     clears((ranking.places[:, 0] == PLACES).mean(), 0.8)
-    clears(np.isin(ranking.heading_deg[:, 0], told).mean(), 0.8)
+    clears(np.isin(ranking.heading_deg[:, 0], reported).mean(), 0.8)
 
 
 def test_the_model_holds_eight_codes_of_a_kilobyte_a_place_its_pictures_and_all_curves(
@@ -90,13 +92,13 @@ def test_the_model_holds_eight_codes_of_a_kilobyte_a_place_its_pictures_and_all_
         "image_generator",
         "image_cycle",
         "code_cycle",
-        "held_out_accuracy",
-        "held_out_error",
+        "validation_accuracy",
+        "validation_error",
         "black_error",
         "code_variance",
         "code_distance",
     }
-    held = SMALL.held_out(rows())
+    held = SMALL.validation(rows())
     assert 0 < held.sum() < ROWS
     assert np.array_equal(model["pictures/seen"], rows().images[held, 0])
     assert model["pictures/reconstructed"].shape == model["pictures/seen"].shape
@@ -104,7 +106,7 @@ def test_the_model_holds_eight_codes_of_a_kilobyte_a_place_its_pictures_and_all_
     assert np.array_equal(
         SMALL.reconstructed(model, model["pictures/seen"]), model["pictures/reconstructed"]
     )
-    assert len(Evidence.of(model).right) > 0
+    assert len(NoveltyEvidence.of(model).right) > 0
     assert len(Rejection().thresholds(model, ("cost", "ratio"))) == 2
     encode = SMALL.encoder(model)
     images = rows().images[:5, 0]
@@ -113,9 +115,9 @@ def test_the_model_holds_eight_codes_of_a_kilobyte_a_place_its_pictures_and_all_
     )
 
 
-def test_the_networks_do_not_see_held_out_rows() -> None:
-    """In one round, for held-out rows choose which round is kept."""
-    held = SMALL.held_out(rows())
+def test_the_networks_do_not_see_validation_rows() -> None:
+    """In one round, for validation rows choose which round is kept."""
+    held = SMALL.validation(rows())
     spoilt = rows()
     spoilt.images[held] = 128
     model, other = (
@@ -167,7 +169,7 @@ def test_an_untrained_encoder_ranks_through_the_same_matching(model: Model) -> N
 
 
 def test_a_black_image_is_judged_on_the_images_that_the_reconstructions_are(model: Model) -> None:
-    images = rows().images[SMALL.held_out(rows())].reshape(-1, 64, 64)
+    images = rows().images[SMALL.validation(rows())].reshape(-1, 64, 64)
     assert len(images) <= JUDGED_IMAGES
     black = np.square(images / 127.5).mean()
     np.testing.assert_allclose(model["curves/black_error"], black, rtol=1e-5)
@@ -178,8 +180,8 @@ def test_of_fewer_reference_headings_fewer_codes_are_kept(model: Model) -> None:
     for kept, step in ((1, 8), (2, 4), (4, 2)):
         few = replace(SMALL, reference_headings=kept).moved(model, rows(), PLACES)
         assert np.array_equal(few["codes"], model["codes"][:, ::step])
-        told = SMALL.localizer(few)(views, 1).heading_deg
-        assert set(np.unique(told)) <= {-360 / kept * turn for turn in range(-8, 9)}
+        reported = SMALL.localizer(few)(views, 1).heading_deg
+        assert set(np.unique(reported)) <= {-360 / kept * turn for turn in range(-8, 9)}
 
 
 def test_the_objective_is_the_presets() -> None:

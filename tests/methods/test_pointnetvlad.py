@@ -12,7 +12,7 @@ from pipeline.core.errors import ConfigError
 from pipeline.core.progress import Progress
 from pipeline.matching import holdout
 from pipeline.matching.ranking import Model, Ranking, Rows
-from pipeline.matching.rejection import Evidence, Rejection
+from pipeline.matching.rejection import NoveltyEvidence, Rejection
 from pipeline.methods.pointnetvlad.pointnetvlad import PointNetVlad
 from tests.interrupted import same
 from tests.learning import Clears
@@ -21,7 +21,7 @@ from tests.matching.made import along
 PLACES = 6
 EACH = 6
 POINTS = 64
-TRUTH = np.repeat(np.arange(PLACES), EACH)
+GROUND_TRUTH = np.repeat(np.arange(PLACES), EACH)
 SMALL = PointNetVlad(
     epochs=1,
     negatives=4,
@@ -32,8 +32,8 @@ SMALL = PointNetVlad(
     learning_rate=0.001,
     precision="f32",
     threads=1,
-    held_out_every_m=9,
-    held_out_length_m=2,
+    validation_every_m=9,
+    validation_length_m=2,
     neighbour_m=7,
 )
 
@@ -44,7 +44,7 @@ def rows(seed: int = 2, views: int = PLACES * EACH, clutter: float = 0.0) -> Row
     centres = np.random.default_rng(0).uniform(-0.8, 0.8, (PLACES, 3, 3))
     rng = np.random.default_rng(seed)
     box = rng.integers(3, size=(views, POINTS))
-    clouds = centres[TRUTH[:views, None], box] + rng.uniform(-0.15, 0.15, (views, POINTS, 3))
+    clouds = centres[GROUND_TRUTH[:views, None], box] + rng.uniform(-0.15, 0.15, (views, POINTS, 3))
     own = rng.uniform(-0.8, 0.8, (views, 3, 3))[np.arange(views)[:, None], box]
     clouds = np.where(rng.random((views, POINTS, 1)) < clutter, own, clouds)
     return along(clouds.clip(-1, 1).astype(np.float16))
@@ -52,7 +52,7 @@ def rows(seed: int = 2, views: int = PLACES * EACH, clutter: float = 0.0) -> Row
 
 @pytest.fixture(scope="module")
 def model(seed: int) -> Model:
-    return replace(SMALL, seed=seed).learn(rows(), TRUTH, Progress())
+    return replace(SMALL, seed=seed).learn(rows(), GROUND_TRUTH, Progress())
 
 
 @pytest.fixture(scope="module")
@@ -61,8 +61,8 @@ def ranking(model: Model) -> Ranking:
 
 
 @pytest.mark.learning
-def test_places_are_told_apart(ranking: Ranking, model: Model, clears: Clears) -> None:
-    clears((ranking.places[:, 0] == TRUTH).mean(), 0.8)
+def test_places_are_reported_apart(ranking: Ranking, model: Model, clears: Clears) -> None:
+    clears((ranking.places[:, 0] == GROUND_TRUTH).mean(), 0.8)
     assert np.array_equal(ranking.novelty[:, 0], ranking.costs[:, 0])
     assert np.isnan(ranking.heading_deg).all()
     assert ranking.kinds == ("distance",)
@@ -75,27 +75,27 @@ def test_training_makes_positives_nearer_than_negatives(
 ) -> None:
     curves = [
         model[f"curves/{name}"]
-        for name in ("loss", "accuracy", "held_out_loss", "held_out_accuracy")
+        for name in ("loss", "accuracy", "validation_loss", "validation_accuracy")
     ]
     assert all(np.isfinite(curve).all() and curve.shape == curves[0].shape for curve in curves)
     slowly = replace(SMALL, epochs=8, hard_negatives=0, learning_rate=0.0003, seed=seed)
-    longer = slowly.learn(rows(clutter=0.7), TRUTH, Progress())
+    longer = slowly.learn(rows(clutter=0.7), GROUND_TRUTH, Progress())
     clears(1 - longer["curves/loss"][-1] / longer["curves/loss"][0], 0.5)
     clears(longer["curves/accuracy"][-1] - longer["curves/accuracy"][0], 0.0)
-    clears(1 - longer["curves/held_out_loss"][-1] / longer["curves/held_out_loss"][0], 0.1)
+    clears(1 - longer["curves/validation_loss"][-1] / longer["curves/validation_loss"][0], 0.1)
 
 
 def test_the_database_holds_the_blocks_that_training_did_not_see_and_clouds_can_be_turned_while_training(
     model: Model,
 ) -> None:
-    held = holdout.blocks(rows().world_T_anchor, TRUTH, 9, 2)
-    assert 0 < held.sum() == len(Evidence.of(model).right)
+    held = holdout.blocks(rows().world_T_anchor, GROUND_TRUTH, 9, 2)
+    assert 0 < held.sum() == len(NoveltyEvidence.of(model).right)
     assert len(model["descriptors"]) == PLACES * EACH
     spoilt = rows()
     spoilt.images[held] = 0.5
-    other = SMALL.learn(spoilt, TRUTH, Progress(budget=0.01))
-    clean = SMALL.learn(rows(), TRUTH, Progress(budget=0.01))
-    turned = replace(SMALL, turn_deg=90.0).learn(rows(), TRUTH, Progress(budget=0.01))
+    other = SMALL.learn(spoilt, GROUND_TRUTH, Progress(budget=0.01))
+    clean = SMALL.learn(rows(), GROUND_TRUTH, Progress(budget=0.01))
+    turned = replace(SMALL, turn_deg=90.0).learn(rows(), GROUND_TRUTH, Progress(budget=0.01))
     assert not np.array_equal(turned["curves/loss"], clean["curves/loss"])
     assert all(
         np.array_equal(clean[name], other[name]) for name in clean if name.startswith("net/")
@@ -108,7 +108,7 @@ def test_the_database_holds_the_blocks_that_training_did_not_see_and_clouds_can_
 def used(weights: Model, path: Path) -> Model:
     """The model that comes of these weights without training."""
     save_file({name: np.require(array, requirements="C") for name, array in weights.items()}, path)
-    return replace(SMALL, weights=str(path), epochs=0).learn(rows(), TRUTH, Progress())
+    return replace(SMALL, weights=str(path), epochs=0).learn(rows(), GROUND_TRUTH, Progress())
 
 
 def network(model: Model) -> dict[str, np.ndarray]:
@@ -168,7 +168,7 @@ def test_weights_that_cannot_be_read_are_a_config_error(
     with pytest.raises(
         ConfigError, match=r"w\.safetensors: (no|not a) [^;]*; correct method\.weights$"
     ):
-        replace(SMALL, weights=str(path)).learn(rows(), TRUTH, Progress())
+        replace(SMALL, weights=str(path)).learn(rows(), GROUND_TRUTH, Progress())
 
 
 def test_distinct_places_are_answered_once_each(model: Model) -> None:

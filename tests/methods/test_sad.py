@@ -11,7 +11,7 @@ from pipeline.core.errors import InputError
 from pipeline.core.progress import Progress
 from pipeline.matching.patches import differences, normalised
 from pipeline.matching.ranking import Localizer
-from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
+from pipeline.matching.rejection import ACCEPT_NOTHING, NoveltyEvidence, Rejection
 from pipeline.methods.sad import Sad
 from pipeline.readers.kitti import read_velodyne
 from tests.interrupted import same
@@ -47,15 +47,15 @@ def learned(images: np.ndarray, places: np.ndarray = PLACES, **settings: Any) ->
 
 
 def test_a_street_is_known_on_another_day_and_another_street_is_new() -> None:
-    method = Sad(held_out_every_m=40.0, held_out_length_m=20.0)
+    method = Sad(validation_every_m=40.0, validation_length_m=20.0)
     rng = np.random.default_rng(1)
     model = method.learn(rows(STREET), PLACES, Progress())
-    evidence = Evidence.of(model)
+    evidence = NoveltyEvidence.of(model)
     assert evidence.right.mean() > 0.8
     assert (evidence.unseen["cost"] > evidence.seen["cost"])[evidence.right].all()
     # Six blocks, nine tenths right: at most .9 · 4.8 of 4.8 answers, and one more counted wrong,
     # are .745.
-    ((threshold, _),) = Rejection(wanted_precision=0.7).thresholds(model, ("cost",))
+    ((threshold, _),) = Rejection(target_precision=0.7).thresholds(model, ("cost",))
     assert threshold > ACCEPT_NOTHING
     localize = method.localizer(model)
     known = localize(rows(another_day(STREET[50:150], rng)), 5)
@@ -75,7 +75,7 @@ def test_a_view_turned_by_half_a_circle_is_another_image_and_one_alone_is_answer
     turned = localize(rows(STREET[50:150, :, ::-1, ::-1]), 1)
     assert (turned.places[:, 0] == PLACES[50:150]).mean() < 0.2
     assert turned.novelty[:, 0].min() > localize(rows(STREET[50:150]), 1).novelty[:, 0].max()
-    ranking = learned(STREET, contrast_rows=40)(rows(STREET[[100]]), 3)
+    ranking = learned(STREET, normalisation_rows=40)(rows(STREET[[100]]), 3)
     assert ranking.xy_m[0, 0, 0] == 100
     assert np.isfinite(ranking.novelty).all()
 
@@ -86,7 +86,7 @@ def test_only_the_first_heading_is_looked_at() -> None:
     assert same(*(Sad().learn(rows(images), PLACES, Progress()) for images in (STREET, blind)))
 
 
-def test_of_several_reference_headings_the_nearest_is_told() -> None:
+def test_of_several_reference_headings_the_nearest_is_reported() -> None:
     images = STREET.copy()
     images[:, 2] = images[:, 0, ::-1, ::-1]
     localize = learned(images, reference_headings=2)
@@ -143,7 +143,9 @@ def test_real_scans_find_their_neighbours(real: Path) -> None:
         image[((15 - x[there]) / 30 * 64).astype(int), ((15 - y[there]) / 30 * 64).astype(int)] = (
             255
         )
-    drive = learned(images[::2], np.arange(8), contrast_rows=30)(rows(images[1::2]), 1).places[:, 0]
+    drive = learned(images[::2], np.arange(8), normalisation_rows=30)(rows(images[1::2]), 1).places[
+        :, 0
+    ]
     assert (np.abs(drive - (np.arange(8) + 0.5)) < 2).all()
     alone = differences(normalised(images[::2, 0]), normalised(images[1::2, 0])).argmin(axis=0)
     assert (np.abs(alone - (np.arange(8) + 0.5)) < 2).mean() > 0.7

@@ -1,5 +1,5 @@
-"""Tests of Scan Context-50 and the exhaustive search: rankings, headings, and evidence on held-out
-blocks."""
+"""Tests of Scan Context-50 and the exhaustive search: rankings, headings, and evidence on
+validation blocks."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.core.progress import Progress
 from pipeline.matching.database import Database
 from pipeline.matching.ranking import Localizer, Ranking, Rows
-from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
+from pipeline.matching.rejection import ACCEPT_NOTHING, NoveltyEvidence, Rejection
 from pipeline.matching.shift_method import ring_keys
 from pipeline.matching.shifts import Spectra
 from pipeline.methods.scan_context import ScanContext50
@@ -27,7 +27,7 @@ BOTH = pytest.mark.parametrize("method", [FIFTY, ALL], ids=["fifty", "all"])
 Both = ScanContext50 | ScanContextAll
 PLACES = 24
 EACH = 4
-TRUTH = np.repeat(np.arange(PLACES), EACH)
+GROUND_TRUTH = np.repeat(np.arange(PLACES), EACH)
 
 
 def rows(seed: int, turn: int = 0, noise_m: float = 0.3) -> Rows:
@@ -47,7 +47,9 @@ def rows(seed: int, turn: int = 0, noise_m: float = 0.3) -> Rows:
     return along(np.roll(images, turn, axis=2).astype(np.float32), 2.0)
 
 
-def asking(method: Both, views: Rows | None = None, places: NDArray[np.int64] = TRUTH) -> Localizer:
+def asking(
+    method: Both, views: Rows | None = None, places: NDArray[np.int64] = GROUND_TRUTH
+) -> Localizer:
     return method.localizer(method.learn(rows(1) if views is None else views, places, Progress()))
 
 
@@ -63,13 +65,13 @@ def one(images: NDArray[np.float32]) -> Rows:
 @pytest.mark.parametrize("turn", [0, 7])
 def test_known_scenes_are_found_at_any_heading(method: Both, turn: int):
     ranking = localized(method, turn=turn)
-    assert (ranking.places[:, 0] == TRUTH).mean() > 0.98
+    assert (ranking.places[:, 0] == GROUND_TRUTH).mean() > 0.98
     assert (np.diff(ranking.costs, axis=1) >= 0).all()
     assert (ranking.novelty[:, 0] == ranking.costs[:, 0]).all()
     assert ranking.kinds == ("distance",)
     # 24 sectors of 15°
     np.testing.assert_allclose(ranking.heading_deg[:, 0], 15 * ((-turn + 12) % 24 - 12), atol=1e-3)
-    np.testing.assert_allclose(ranking.xy_m[:, 0, 0] // (2 * EACH), TRUTH)
+    np.testing.assert_allclose(ranking.xy_m[:, 0, 0] // (2 * EACH), GROUND_TRUTH)
 
 
 def test_the_exhaustive_search_misses_nothing_and_the_shortlist_may():
@@ -114,7 +116,7 @@ def test_ring_keys_count_bins_and_do_not_turn():
 
 
 @BOTH
-def test_a_robot_that_turns_left_by_30_degrees_is_told_so(method: Both):
+def test_a_robot_that_turns_left_by_30_degrees_is_reported_so(method: Both):
     """Two clouds, seen where the robot learned them and again after it turned on the spot."""
     rng = np.random.default_rng(5)
     clouds = [
@@ -142,7 +144,7 @@ def test_a_robot_that_turns_left_by_30_degrees_is_told_so(method: Both):
 
 
 @BOTH
-def test_an_empty_view_is_as_far_from_all_as_can_be_told_and_has_no_heading(method: Both):
+def test_an_empty_view_is_as_far_from_all_as_can_be_reported_and_has_no_heading(method: Both):
     ranking = asking(method)(one(np.zeros((10, 24), np.float32)), 3)
     assert ranking.costs.tolist() == [[1, 1, 1]]
     assert np.isnan(ranking.heading_deg).all()
@@ -153,34 +155,34 @@ def test_more_queries_than_are_asked_at_once_are_answered_in_order(method: Both)
     images = np.concatenate([rows(seed).images for seed in (2, 3, 4, 5)])
     ranking = asking(method)(along(images), 1)
     assert len(images) > 256
-    assert (ranking.places[:, 0] == np.tile(TRUTH, 4)).mean() > 0.98
+    assert (ranking.places[:, 0] == np.tile(GROUND_TRUTH, 4)).mean() > 0.98
 
 
 @BOTH
-def test_held_out_blocks_are_found_and_look_newer_without_their_surroundings(method: Both):
+def test_validation_blocks_are_found_and_look_newer_without_their_surroundings(method: Both):
     # 2 m a scan, 8 m a place: all that is nearer than 17 m includes the whole of the query's own.
-    settled = replace(method, held_out_every_m=40.0, held_out_length_m=4.0, neighbour_m=17.0)
-    model = settled.learn(rows(1), TRUTH, Progress())
-    evidence = Evidence.of(model)
+    settled = replace(method, validation_every_m=40.0, validation_length_m=4.0, neighbour_m=17.0)
+    model = settled.learn(rows(1), GROUND_TRUTH, Progress())
+    evidence = NoveltyEvidence.of(model)
     assert evidence.right.all()
     assert (evidence.unseen["distance"] > evidence.seen["distance"]).all()
     # All right, a fifth of the queries unseen: of b blocks .8 b right ones, and one more counted
     # wrong.
-    (threshold,) = Rejection(wanted_precision=0.5).thresholds(model, ("distance",))
-    assert threshold.kept_precision >= 0.5
+    (threshold,) = Rejection(target_precision=0.5).thresholds(model, ("distance",))
+    assert threshold.validation_precision >= 0.5
     assert threshold.reject_from > ACCEPT_NOTHING
 
 
-def test_held_out_rows_search_the_ring_keys_of_allowed_rows_only():
+def test_validation_rows_search_the_ring_keys_of_allowed_rows_only():
     """What the model says of its blocks is what a plain search over the allowed rows finds."""
     narrow = replace(FIFTY, candidates=1)
     views = rows(1)
-    model = narrow.learn(views, TRUTH, Progress())
+    model = narrow.learn(views, GROUND_TRUTH, Progress())
     spectra = Spectra.of(model)
     keys = model["ring_keys"]
     database = Database.of(model)
-    held = np.flatnonzero((2.0 * np.arange(len(TRUTH)) + 20) % 40 < 4)
-    rest = np.setdiff1d(np.arange(len(TRUTH)), held)
+    held = np.flatnonzero((2.0 * np.arange(len(GROUND_TRUTH)) + 20) % 40 < 4)
+    rest = np.setdiff1d(np.arange(len(GROUND_TRUTH)), held)
     expected = []
     right = []
     for row in held:
@@ -189,12 +191,12 @@ def test_held_out_rows_search_the_ring_keys_of_allowed_rows_only():
         ]
         distances, _ = spectra.compare(views.images[row], candidates)
         expected.append(distances.min())
-        right.append(database.places[candidates[distances.argmin()]] == TRUTH[row])
-    np.testing.assert_allclose(model["held_out/seen/distance"], expected, atol=1e-6)
-    assert model["held_out/right"].tolist() == right
+        right.append(database.places[candidates[distances.argmin()]] == GROUND_TRUTH[row])
+    np.testing.assert_allclose(model["validation/seen/distance"], expected, atol=1e-6)
+    assert model["validation/right"].tolist() == right
     assert (
-        FIFTY.learn(views, TRUTH, Progress())["held_out/seen/distance"]
-        < model["held_out/seen/distance"]
+        FIFTY.learn(views, GROUND_TRUTH, Progress())["validation/seen/distance"]
+        < model["validation/seen/distance"]
     ).any()
 
 

@@ -9,7 +9,7 @@ import pytest
 from pipeline.core.errors import ConfigError
 from pipeline.core.progress import Progress
 from pipeline.matching.ranking import Model, Ranking, Rows
-from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
+from pipeline.matching.rejection import ACCEPT_NOTHING, NoveltyEvidence, Rejection
 from pipeline.methods.sci import Sci
 from tests.learning import Clears
 from tests.matching.made import along
@@ -23,8 +23,8 @@ SMALL = Sci(
     epochs=16,
     batch=16,
     dropout=0.2,
-    held_out_every_m=10,
-    held_out_length_m=3,
+    validation_every_m=10,
+    validation_length_m=3,
     neighbour_m=13,
     precision="f32",
     threads=1,
@@ -42,12 +42,12 @@ def rows(seed: int, turn: int = 0, noise_m: float = 0.5, places: int = PLACES) -
     return along(np.roll(images, turn, axis=2).astype(np.float32))
 
 
-TRUTH = np.repeat(np.arange(PLACES), EACH)
+GROUND_TRUTH = np.repeat(np.arange(PLACES), EACH)
 
 
 @pytest.fixture(scope="module")
 def model(seed: int) -> Model:
-    return replace(SMALL, seed=seed).learn(rows(2), TRUTH, Progress())
+    return replace(SMALL, seed=seed).learn(rows(2), GROUND_TRUTH, Progress())
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def ranking(model: Model) -> Ranking:
 
 def right(method: Sci, model: Model, views: Rows) -> float:
     """Share of the views whose first answer is their place."""
-    return float((method.localizer(model)(views, 1).places[:, 0] == TRUTH).mean())
+    return float((method.localizer(model)(views, 1).places[:, 0] == GROUND_TRUTH).mean())
 
 
 @pytest.mark.learning
@@ -65,7 +65,7 @@ def test_places_are_learned(model: Model, clears: Clears) -> None:
     clears(right(SMALL, model, rows(3)), 0.8)
     clears(1 - model["curves/loss"][-1] / model["curves/loss"][0], 0.7)
     assert model["curves/loss"].shape == (16,)
-    accuracy = model["curves/held_out_accuracy"]
+    accuracy = model["curves/validation_accuracy"]
     # Of equals the last
     assert int(model["best_epoch"].item()) == np.flatnonzero(accuracy == accuracy.max())[-1]
 
@@ -79,7 +79,7 @@ def test_a_reversed_view_is_known_after_two_way_training(
     back = rows(3, turn=SECTORS // 2)
     clears(right(SMALL, model, back), 0.8)
     one_way = replace(SMALL, n_way=1, epochs=32, seed=seed)  # half the images an epoch
-    once = one_way.learn(rows(2), TRUTH, Progress())
+    once = one_way.learn(rows(2), GROUND_TRUTH, Progress())
     clears(right(one_way, once, rows(3)), 0.8)
     clears(1 - right(one_way, once, back), 0.2)
 
@@ -87,15 +87,15 @@ def test_a_reversed_view_is_known_after_two_way_training(
 @pytest.mark.learning
 def test_every_way_of_n_is_known(seed: int, clears: Clears) -> None:
     four = replace(SMALL, n_way=4, epochs=8, seed=seed)  # twice the images an epoch
-    learned = four.learn(rows(2), TRUTH, Progress())
+    learned = four.learn(rows(2), GROUND_TRUTH, Progress())
     clears(min(right(four, learned, rows(3, turn)) for turn in (0, 6, 12, 18)), 0.8)
 
 
 def test_answers_are_ranked_from_cheapest_to_dearest_and_lie_at_the_mean_of_their_places_views(
     ranking: Ranking,
 ) -> None:
-    assert ranking.places.shape == ranking.costs.shape == (len(TRUTH), 3)
-    assert ranking.xy_m.shape == (len(TRUTH), 3, 2)
+    assert ranking.places.shape == ranking.costs.shape == (len(GROUND_TRUTH), 3)
+    assert ranking.xy_m.shape == (len(GROUND_TRUTH), 3, 2)
     assert (np.diff(ranking.costs, axis=1) >= 0).all()
     assert ((ranking.costs >= 0) & (ranking.costs <= 1)).all()
     assert all(len(set(answer)) == 3 for answer in ranking.places.tolist())
@@ -118,7 +118,9 @@ def test_more_places_than_there_are_is_all_of_them_and_costs_and_confidence_are_
 def test_novelty_is_between_zero_and_one_and_higher_for_unknown_scenes(
     model: Model, ranking: Ranking
 ) -> None:
-    unknown = SMALL.localizer(model)(rows(4, places=PLACES + 4).some(slice(len(TRUTH), None)), 1)
+    unknown = SMALL.localizer(model)(
+        rows(4, places=PLACES + 4).some(slice(len(GROUND_TRUTH), None)), 1
+    )
     for novelty in (ranking.novelty, unknown.novelty):
         assert ((novelty[:, :2] >= 0) & (novelty[:, :2] <= 1)).all()
         assert ((novelty[:, 3] > -1e-6) & (novelty[:, 3] <= 2)).all()
@@ -129,15 +131,15 @@ def test_novelty_is_between_zero_and_one_and_higher_for_unknown_scenes(
 @pytest.mark.parametrize("n_way", [0, 5, 7, 48, -2])
 def test_ways_that_do_not_divide_the_sectors_are_a_config_error(n_way: int) -> None:
     with pytest.raises(ConfigError, match=f"n_way={n_way}"):
-        replace(SMALL, n_way=n_way).learn(rows(2), TRUTH, Progress())
+        replace(SMALL, n_way=n_way).learn(rows(2), GROUND_TRUTH, Progress())
 
 
-def test_held_out_queries_look_newer_once_their_surroundings_are_forgotten(model: Model) -> None:
-    evidence = Evidence.of(model)
+def test_validation_queries_look_newer_once_their_surroundings_are_forgotten(model: Model) -> None:
+    evidence = NoveltyEvidence.of(model)
     assert evidence.right.all()
     for kind in KINDS:
         # Places are 12 m long: all that is nearer than neighbour_m = 13 includes the whole of the
         # query's own.
         assert (evidence.unseen[kind] > evidence.seen[kind]).mean() > 0.9
-    for threshold, _ in Rejection(wanted_precision=0.5).thresholds(model, KINDS):
+    for threshold, _ in Rejection(target_precision=0.5).thresholds(model, KINDS):
         assert threshold > ACCEPT_NOTHING

@@ -18,13 +18,13 @@ from pipeline.networks.classifier import Classifier, rolled
 from tests.matching.made import along
 
 SETTINGS: dict[str, Any] = {
-    **{"epochs": 4, "batch": 16, "held_out_every_m": 10, "held_out_length_m": 3},
+    **{"epochs": 4, "batch": 16, "validation_every_m": 10, "validation_length_m": 3},
     **{"threads": 1, "precision": "f32"},
 }
 BOTH = pytest.mark.parametrize(
     "method", [Sci(**SETTINGS), SciRing(**SETTINGS)], ids=["sci", "sci_ring"]
 )
-TRUTH = np.repeat(np.arange(4), 12)
+GROUND_TRUTH = np.repeat(np.arange(4), 12)
 
 
 def rows() -> Rows:
@@ -36,7 +36,9 @@ def rows() -> Rows:
 
 @BOTH
 @pytest.mark.parametrize(
-    "places", [np.where(np.arange(48) == 5, -1, TRUTH), TRUTH[1:]], ids=["unknown", "too few"]
+    "places",
+    [np.where(np.arange(48) == 5, -1, GROUND_TRUTH), GROUND_TRUTH[1:]],
+    ids=["unknown", "too few"],
 )
 def test_every_training_view_needs_its_place(method: Classifier, places: np.ndarray) -> None:
     with pytest.raises(InputError, match="known place"):
@@ -50,8 +52,8 @@ def test_every_training_view_needs_its_place(method: Classifier, places: np.ndar
 def test_a_budget_is_a_share_of_the_epochs_a_path_may_be_too_short_for_blocks_and_images_grey(
     method: Classifier, budget: float, every_m: float, epochs: int
 ) -> None:
-    grey = replace(method, held_out_every_m=every_m, colormap="grey")
-    model = grey.learn(rows(), TRUTH, Progress(budget=budget))
+    grey = replace(method, validation_every_m=every_m, colormap="grey")
+    model = grey.learn(rows(), GROUND_TRUTH, Progress(budget=budget))
     assert len(model["curves/loss"]) == epochs
     assert model["net/features.0.weight"].shape[1] == 1
 
@@ -59,7 +61,7 @@ def test_a_budget_is_a_share_of_the_epochs_a_path_may_be_too_short_for_blocks_an
 @BOTH
 def test_answers_are_as_precise_as_training(method: Classifier) -> None:
     """Coarse numbers move costs a little, and fine ones are not the same."""
-    model = method.learn(rows(), TRUTH, Progress())
+    model = method.learn(rows(), GROUND_TRUTH, Progress())
     fine, coarse = (
         replace(method, precision=precision).localizer(model)(rows(), 4)
         for precision in ("f32", "bf16")
@@ -70,7 +72,7 @@ def test_answers_are_as_precise_as_training(method: Classifier) -> None:
 
 
 def test_a_model_of_another_network_is_refused_in_words() -> None:
-    model = Sci(**SETTINGS).learn(rows(), TRUTH, Progress(budget=0.1))
+    model = Sci(**SETTINGS).learn(rows(), GROUND_TRUTH, Progress(budget=0.1))
     with pytest.raises(ArtifactError, match="not those of a Ring: train it again"):
         SciRing(**SETTINGS).localizer(model)
 
@@ -80,7 +82,7 @@ def test_kernels_cast_once_answer_as_those_that_are_cast_each_time(
     method: Classifier, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     coarse = replace(method, precision="bf16")
-    model = coarse.learn(rows(), TRUTH, Progress())
+    model = coarse.learn(rows(), GROUND_TRUTH, Progress())
     once = coarse.localizer(model)(rows(), 4)
     monkeypatch.setattr(loop, "cast", lambda *_: None)
     each_time = coarse.localizer(model)(rows(), 4)
@@ -100,14 +102,14 @@ class Lines(Progress):
         self.lines.append(line)
 
 
-def test_held_out_views_that_fix_no_temperature_are_told() -> None:
+def test_validation_views_that_fix_no_temperature_are_reported() -> None:
     """All of them are right, so the colder the likelier."""
     method = Sci(**SETTINGS | {"epochs": 16, "dropout": 0.2})
     progress = Lines()
-    model = method.learn(rows(), TRUTH, progress)
-    assert model["held_out/right"].all()
+    model = method.learn(rows(), GROUND_TRUTH, progress)
+    assert model["validation/right"].all()
     (line,) = progress.lines
-    assert "held-out views fix no temperature" in line
+    assert "validation views fix no temperature" in line
 
 
 def test_each_image_is_rolled_by_its_own_columns() -> None:

@@ -23,7 +23,7 @@ from pipeline.networks.classifier import Classifier
 from tests.interrupted import PowerCut
 from tests.methods import test_adversarial as adversarial
 from tests.methods import test_pfl as pfl
-from tests.networks.test_classifier import SETTINGS, TRUTH, rows
+from tests.networks.test_classifier import GROUND_TRUTH, SETTINGS, rows
 
 pytestmark = [
     pytest.mark.gpu,
@@ -45,12 +45,12 @@ def test_a_gpu_trains_a_model_that_a_processor_answers_with(
     method: Classifier,
 ) -> None:
     torch.cuda.reset_peak_memory_stats()
-    model = method.learn(rows(), TRUTH, Progress())
+    model = method.learn(rows(), GROUND_TRUTH, Progress())
     assert torch.cuda.max_memory_allocated() > 0  # it was used
     on_gpu = method.localizer(model)(rows(), 4)
     with processor():
         on_processor = method.localizer(model)(rows(), 4)
-    assert (on_gpu.places[:, 0] == TRUTH).mean() > 0.9
+    assert (on_gpu.places[:, 0] == GROUND_TRUTH).mean() > 0.9
     np.testing.assert_array_equal(on_gpu.places[:, 0], on_processor.places[:, 0])
     # bfloat16 on the one, perhaps not on the other
     np.testing.assert_allclose(on_gpu.costs, on_processor.costs, atol=0.05)
@@ -58,12 +58,12 @@ def test_a_gpu_trains_a_model_that_a_processor_answers_with(
 
 @pytest.mark.parametrize("kind", [Sci, SciRing])
 def test_a_few_steps_cost_on_a_gpu_what_they_cost_on_a_processor(kind: type[Classifier]) -> None:
-    """Two trainings see the same views, turned and coloured alike, in the same order."""
+    """Two trainings see the same views, turned and coloured similar, in the same order."""
     method = kind(**SETTINGS | {"epochs": 2, "dropout": 0.0})
-    on_gpu = method.learn(rows(), TRUTH, Progress())
+    on_gpu = method.learn(rows(), GROUND_TRUTH, Progress())
     with processor():
-        on_processor = method.learn(rows(), TRUTH, Progress())
-    for name in ("curves/loss", "curves/held_out_loss"):
+        on_processor = method.learn(rows(), GROUND_TRUTH, Progress())
+    for name in ("curves/loss", "curves/validation_loss"):
         np.testing.assert_allclose(on_gpu[name], on_processor[name], rtol=0.05, atol=0.02)
 
 
@@ -111,8 +111,8 @@ def test_a_gpu_learns_place_features_that_a_processor_answers_with() -> None:
 @pytest.mark.parametrize("name", ["sci", "sci_ring", "pfl"])
 def test_a_gpus_interrupted_training_goes_on_from_its_checkpoint(tmp_path: Path, name: str) -> None:
     method, views, places = {
-        "sci": (Sci(**SETTINGS), rows(), TRUTH),
-        "sci_ring": (SciRing(**SETTINGS), rows(), TRUTH),
+        "sci": (Sci(**SETTINGS), rows(), GROUND_TRUTH),
+        "sci_ring": (SciRing(**SETTINGS), rows(), GROUND_TRUTH),
         "pfl": (pfl.SMALL, pfl.rows(), pfl.PLACES),
     }[name]
     whole = method.learn(views, places, Progress())
@@ -145,7 +145,7 @@ def test_no_step_of_a_classifier_waits_for_the_gpu(kind: type[Classifier]) -> No
         method = kind(**SETTINGS | {"batch": batch, "precision": "auto"})
         net = method.network(4, 8, 24).to("cuda")
         batches, steps = method.batches(
-            method.heights(rows().images), rows(), torch.from_numpy(TRUTH), torch.arange(48)
+            method.heights(rows().images), rows(), torch.from_numpy(GROUND_TRUTH), torch.arange(48)
         )
 
         def train(

@@ -1,5 +1,5 @@
 """Tests of the training loop: it is reproducible, goes on after an interruption, and keeps the best
-epoch by held-out rows."""
+epoch by validation rows."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -74,7 +74,7 @@ def test_the_loss_falls_and_the_classes_are_learned() -> None:
     result = train(epochs=40)
     assert all(len(result[f"curves/{name}"]) == 40 for name in CURVES)
     assert result["curves/loss"][-1] < 0.5 * result["curves/loss"][0]
-    assert result["curves/held_out_accuracy"][result["best_epoch"]] > 0.9
+    assert result["curves/validation_accuracy"][result["best_epoch"]] > 0.9
 
 
 def test_the_same_seed_gives_the_same_weights_whatever_the_callers_random_numbers_which_are_left_alone() -> (
@@ -92,7 +92,7 @@ def test_the_same_seed_gives_the_same_weights_whatever_the_callers_random_number
 
 
 @pytest.mark.parametrize("best", [0, 2])
-def test_the_epoch_of_the_highest_held_out_accuracy_is_kept(best: int) -> None:
+def test_the_epoch_of_the_highest_validation_accuracy_is_kept(best: int) -> None:
     # What an epoch ends with does not depend on the judge: the weights kept are those of a run that
     # stops there.
     accuracies = [0.5] * 5

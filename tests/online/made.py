@@ -17,7 +17,7 @@ from pipeline.online import site_file
 from pipeline.online.site_json import VERSION, SiteDescription
 from pipeline.posing.expectations import Expectations
 from pipeline.posing.targets import GRAIN_M
-from pipeline.posing.verdict import BELIEFS
+from pipeline.posing.verdict import CLAIMS
 from pipeline.views.scan_context import ScanContext
 from tests.posing.scene import planar, scene, seen_from
 
@@ -42,14 +42,14 @@ def described(**changes: Any) -> SiteDescription:
 def about(**changes: Any) -> dict[str, Any]:
     """The content of the site's site.json; `changes` replace some of its keys.
 
-    A fix is right with a chance of .98 at an overlap of .8, of .02 at one of .4; a chance of .9
-    keeps a promise of .99. The robot is surely near it from an overlap of .4 on.
+    A fix is right with a probability of .98 at an overlap of .8, of .02 at one of .4; a probability
+    of .9 keeps a target precision of .99. The robot is surely near it from an overlap of .4 on.
     """
     verdict = {
         "pose": {"weights": (20.0, *5 * (0.0,)), "offset": -12.0},
         "place": {"weights": (200.0, *5 * (0.0,)), "offset": -70.0},
-        "promises": (0.95, 0.99, 0.999),
-        "promised": dict.fromkeys(BELIEFS, (0.5, 0.1, -1.0)),
+        "target_precisions": (0.95, 0.99, 0.999),
+        "claim_thresholds": dict.fromkeys(CLAIMS, (0.5, 0.1, -1.0)),
     }
     usual = {
         "version": VERSION,
@@ -61,7 +61,7 @@ def about(**changes: Any) -> dict[str, Any]:
         "k": 3,
         "places": {"cell_m": GRID.cell_m, "x_m": GRID.x_m, "y_m": GRID.y_m},
         "map": {"grain_m": GRAIN_M, "range_m": 80.0, "single": True},
-        "verdict": verdict | {"held_out": 100, "unseen_share": 0.2},
+        "verdict": verdict | {"validation": 100, "unseen_share": 0.2},
         "reader": READER,
         "sensor": SENSOR | {"warnings": []},
         "provenance": {"train": "monday", "md5": {"model": "0" * 32}, "versions": {"yearloc": "0"}},

@@ -28,7 +28,8 @@ def endpoint() -> str:
 
 @pytest.fixture
 def bridge(endpoint: str, three_places: Path) -> Iterator[Callable[..., dict[str, object]]]:
-    """A function that sends a scan to another process, which connects here, and returns its answer."""
+    """A function that sends a scan to another process, which connects here, and returns its
+    answer."""
     options = [str(three_places), "--zenoh", endpoint, "--key", "robot"]
     words = [sys.executable, "-m", "pipeline.cli", "serve", *options]
     with connected(endpoint, "listen") as session:

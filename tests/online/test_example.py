@@ -24,7 +24,7 @@ def site() -> Site:
 def test_the_example_is_small_and_says_that_it_is_simulated(site: Site) -> None:
     assert sum(path.stat().st_size for path in FOLDER.iterdir() if path.is_file()) < LARGEST_BYTES
     assert site.description.simulated
-    assert 0.99 in site.promises
+    assert 0.99 in site.target_precisions
 
 
 def test_the_learned_place_is_accepted_and_right_and_the_one_outside_the_map_is_not_believed(
@@ -42,7 +42,9 @@ def test_the_learned_place_is_accepted_and_right_and_the_one_outside_the_map_is_
     assert fix.verdict != "accepted" or (away_m[0] < 2.0 and turn_deg[0] < 5.0)
 
 
-def test_the_command_prints_verdict_pose_chance_and_error_of_each_scan(yearloc: Command) -> None:
+def test_the_command_prints_verdict_pose_probability_and_error_of_each_scan(
+    yearloc: Command,
+) -> None:
     text, _ = yearloc.run("example")
     assert "simulated" in text.splitlines()[0]
     first, *others = text.split("\n\n")[1:]
@@ -53,7 +55,7 @@ def test_the_command_prints_verdict_pose_chance_and_error_of_each_scan(yearloc: 
     assert all(line in readme for line in shown)
     assert re.search(r"verdict +accepted: ", first)
     pose = r"pose +x -?\d+\.\d\d m, y -?\d+\.\d\d m, heading -?\d+\.\d°"
-    assert re.search(rf"{pose}; chance [01]\.\d{{3}}, 0\.\d\d m and 0\.\d° off", first)
+    assert re.search(rf"{pose}; probability [01]\.\d{{3}}, 0\.\d\d m and 0\.\d° off", first)
     assert "verdict    rejected: " in others[1] or "verdict    no pose: " in others[1]
 
 

@@ -37,7 +37,7 @@ def test_only_wrong_verdicts_are_found_the_worst_first(three_places: Path, tmp_p
         ("rejected, and right", right.novelty),
     ]
     assert found[0].off[0] == pytest.approx(30, abs=0.2)
-    draw(site.targets, found[0], tmp_path / "card.png", "promise 0.99")
+    draw(site.targets, found[0], tmp_path / "card.png", "target precision 0.99")
     card = Image.open(tmp_path / "card.png").convert("RGB")
     picture = np.asarray(card).reshape(-1, 3).astype(int)
     red = (picture[:, 0] - picture[:, 1] > 80).sum()

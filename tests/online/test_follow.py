@@ -1,4 +1,5 @@
-"""A recording is followed while it is written: clouds that wait too long are dropped and counted."""
+"""A recording is followed while it is written: clouds that wait too long are dropped and
+counted."""
 
 import time
 from pathlib import Path

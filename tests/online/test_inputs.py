@@ -18,7 +18,7 @@ from pipeline.opening.opening import unposed
 from tests.posing.scene import planar
 from tests.readers.bags import START_NS, STEP_NS, cloud
 
-READER = {"_target_": "pipeline.readers.bag.Bag", "truth": None, "odometry": "/wheels"}
+READER = {"_target_": "pipeline.readers.bag.Bag", "ground_truth": None, "odometry": "/wheels"}
 """The reader of a site whose data set is bags with estimated poses."""
 OTHER = {"_target_": "pipeline.readers.carmen.Carmen"}
 """The reader of a site whose data set is of another kind."""

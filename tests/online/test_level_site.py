@@ -16,13 +16,13 @@ from pipeline.core.progress import Progress
 from pipeline.formats.bag import CLOUD, BagWriter
 from pipeline.formats.bag_file import BagFile
 from pipeline.formats.pointcloud2 import decode
-from pipeline.level.held_out import Sweeps
 from pipeline.level.level_map import LevelMap
+from pipeline.level.validation import Sweeps
 from pipeline.level.verdict import OF_SWEEPS
 from pipeline.online.description import describe
 from pipeline.online.level_pack import CARMEN, pack_sweeps
 from pipeline.online.level_site import LevelSite
-from pipeline.online.site import NO_LIMITS, Site
+from pipeline.online.site import NO_THRESHOLDS, Site
 from pipeline.online.tracking import Tracker
 from pipeline.report.figures.level_plan import Plan
 from tests.commands import Command
@@ -51,12 +51,12 @@ def test_a_sweep_is_localised_in_the_site_of_a_map(hall: Path) -> None:
     assert isinstance(site, LevelSite)
     assert site.is_level
     place = (16.0, 6.0, 2.0)
-    fix = site.localize(sweep(*place, noise=np.random.default_rng(1)), promise=0.95)
+    fix = site.localize(sweep(*place, noise=np.random.default_rng(1)), target_precision=0.95)
     assert fix.verdict == "accepted"
     assert np.linalg.norm(fix.world_T_sensor[:2, 3] - place[:2]) < 0.06
     assert fix.covariance.shape == (6, 6)
     assert (np.linalg.eigvalsh(fix.covariance) > 0).all()
-    assert fix.promised_precision in site.promises
+    assert fix.accepted_at in site.target_precisions
     assert "level site hall" in describe(hall).text()
 
 
@@ -92,14 +92,16 @@ def test_the_sweeps_of_a_log_are_gathered_and_localised(
     hall: Path, tmp_path: Path, yearloc: Command, track: list[str]
 ) -> None:
     log = hall_log(tmp_path)
-    lines, summary = yearloc.run("localize", hall, log, "--json", "--promise", 0.95, *track)
+    lines, summary = yearloc.run(
+        "localize", hall, log, "--json", "--target-precision", 0.95, *track
+    )
     rows = [json.loads(line) for line in lines.splitlines()]
-    truth = drive(seed=9).world_T_sweep
+    ground_truth = drive(seed=9).world_T_sweep
     accepted = [number for number, row in enumerate(rows) if row["verdict"] == "accepted"]
     assert len(rows) == 25
     assert len(accepted) >= 20
     for number in accepted:
-        x_m, y_m = truth[number][:2, 3]
+        x_m, y_m = ground_truth[number][:2, 3]
         assert np.hypot(rows[number]["x"] - x_m, rows[number]["y"] - y_m) < 0.3
     assert "0 are over 1 m or 10° off" in summary
 
@@ -108,14 +110,16 @@ def test_a_drive_is_recorded_for_both_viewers_and_drawn_in_the_plan_of_the_build
     hall: Path, tmp_path: Path, yearloc: Command
 ) -> None:
     log = hall_log(tmp_path)
-    words = ("watch", hall, log, "--promise", 0.95, "--every", 5, "--save")
+    words = ("watch", hall, log, "--target-precision", 0.95, "--every", 5, "--save")
     yearloc.run(*words, tmp_path / "drive.rrd")
     assert b"world/map" in (tmp_path / "drive.rrd").read_bytes()
     yearloc.run(*words, tmp_path / "drive.mcap")
     bag = BagFile(tmp_path / "drive.mcap")
     (_, walls) = next(iter(bag.messages("/map")))
     assert len(decode(bag.decode(walls, CLOUD))) == len(Site.open(hall).walls_m)
-    said, _ = yearloc.run("picture", hall, log, "-o", tmp_path / "found.gif", "--promise", 0.95)
+    said, _ = yearloc.run(
+        "picture", hall, log, "-o", tmp_path / "found.gif", "--target-precision", 0.95
+    )
     assert "found.gif: hall: hall.log: 2" in said
     with Image.open(tmp_path / "found.gif") as picture:
         assert picture.n_frames == 25
@@ -166,7 +170,9 @@ def test_the_laser_scans_of_a_bag_are_localised(
     with BagWriter(tmp_path / "drive.bag", "ros1") as bag:
         ranges_m = np.linalg.norm(hits, axis=1)
         bag.laser_scan(10**9, "laser", ranges_m, -np.pi / 2, np.pi / 180, 0.1, 30.0)
-    line, _ = yearloc.run("localize", hall, tmp_path / "drive.bag", "--json", "--promise", 0.95)
+    line, _ = yearloc.run(
+        "localize", hall, tmp_path / "drive.bag", "--json", "--target-precision", 0.95
+    )
     row = json.loads(line)
     assert row["verdict"] == "accepted"
     assert np.hypot(row["x"] - 16, row["y"] - 6) < 0.1
@@ -191,13 +197,15 @@ def test_a_level_track_starts_only_from_a_fix_that_its_own_sweeps_accept(hall: P
     site = Site.open(hall)
     assert isinstance(site, LevelSite)
     unsure = copy(site)
-    unsure.promises = dict.fromkeys(site.promises, NO_LIMITS)  # no sweeps alone are accepted
+    unsure.target_precisions = dict.fromkeys(
+        site.target_precisions, NO_THRESHOLDS
+    )  # no sweeps alone are accepted
     sweeps = drive(seed=4)
     tracker = Tracker(unsure, 0.95)
     for row in range(6):
         fix = tracker.localize(sweeps.points(row), sweeps.step(row))
-        assert (fix.verdict, fix.promised_precision) == ("rejected", None)
-    assert fix.chance > 0.999
+        assert (fix.verdict, fix.accepted_at) == ("rejected", None)
+    assert fix.probability > 0.999
     tracker.site = site
     assert tracker.localize(sweeps.points(6), sweeps.step(6)).verdict == "accepted"
     tracker.site = unsure
@@ -318,6 +326,6 @@ def test_a_training_day_of_level_sweeps_is_packed(tmp_path: Path, yearloc: Comma
     assert "level" in line
     site = Site.open(out)
     place = (16.0, 6.0, 2.0)
-    fix = site.localize(sweep(*place), promise=None)
+    fix = site.localize(sweep(*place), target_precision=None)
     assert np.linalg.norm(fix.world_T_sensor[:2, 3] - place[:2]) < 0.06
     assert "level site hall/10m/sci, of a simulated world" in yearloc.run("inspect", out)[0]

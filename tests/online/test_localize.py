@@ -41,7 +41,8 @@ def floats(folder: Path, name: str = f"{UTIME}.bin") -> Path:
 
 
 def driven(path: Path, *odom_T_scans: np.ndarray, from_ns: int = 0) -> Path:
-    """A bag of one scan again and again, a tenth of a second apart, with these poses by odometry."""
+    """A bag of one scan again and again, a tenth of a second apart, with these poses by
+    odometry."""
     points_m, _ = scan()
     with BagWriter(path, "mcap") as bag:
         for i, odom_T_scan in enumerate(odom_T_scans):
@@ -59,10 +60,10 @@ def near(found: dict[str, float]) -> bool:
 
 
 def test_a_fix_is_printed_as_a_line_or_as_json(localize: Command, tmp_path: Path) -> None:
-    line, told = localize.run(floats(tmp_path))
+    line, reported = localize.run(floats(tmp_path))
     assert line.startswith(f"{UTIME}.bin")
     assert " accepted " in line
-    assert "1 scan: 1 accepted, 0 near, 0 ambiguous, 0 rejected, 0 no pose" in told
+    assert "1 scan: 1 accepted, 0 near, 0 ambiguous, 0 rejected, 0 no pose" in reported
     found = json.loads(localize.run(tmp_path, "--json")[0])
     assert list(found) == [*COLUMNS, "covariance", "runners_up"]
     assert near(found)
@@ -108,9 +109,9 @@ def test_the_points_of_a_bag_are_placed_by_its_transforms(
 
 def test_a_bag_is_followed_by_its_odometry(localize: Command, tmp_path: Path) -> None:
     path = driven(tmp_path / "day", *(planar(5, i, 0) for i in range(3)))
-    told = localize.run(path, "--track", "--odometry", "/wheels")[1]
-    assert "followed by odometry over 2 steps, by constant motion over 1" in told
-    assert "the site is simulated" in told
+    reported = localize.run(path, "--track", "--odometry", "/wheels")[1]
+    assert "followed by odometry over 2 steps, by constant motion over 1" in reported
+    assert "the site is simulated" in reported
     assert "by constant motion over 3" in localize.run(path, "--track")[1]
     kept = tmp_path / "kept.csv"
     kept.write_text("of before")
@@ -125,15 +126,16 @@ def test_a_bag_is_followed_by_its_odometry(localize: Command, tmp_path: Path) ->
 def test_clouds_that_a_bag_leaves_out_are_counted(
     three_places: Path, tmp_path: Path, yearloc: Command, command: str
 ) -> None:
-    """Its driver stamps in whole seconds: three of five clouds repeat the stamp of an earlier one."""
+    """Its driver stamps in whole seconds: three of five clouds repeat the stamp of an earlier
+    one."""
     points_m, _ = scan()
     with BagWriter(tmp_path / "day", "mcap") as bag:
         for i in range(5):
             cloud(bag, (1000 + i // 3) * 10**9, "base_link", points_m)
     options = ["--save", tmp_path / "a.mcap"] if command == "watch" else []
-    _, told = yearloc.run(command, three_places, tmp_path / "day", *options)
-    assert "2 scans: 2 accepted" in told
-    assert "3 more were left out: stamp of an earlier one (3)" in told
+    _, reported = yearloc.run(command, three_places, tmp_path / "day", *options)
+    assert "2 scans: 2 accepted" in reported
+    assert "3 more were left out: stamp of an earlier one (3)" in reported
 
 
 def test_the_odometry_of_another_recording_starts_anew(localize: Command, tmp_path: Path) -> None:
@@ -142,22 +144,22 @@ def test_the_odometry_of_another_recording_starts_anew(localize: Command, tmp_pa
     later = driven(tmp_path / "days/c", *[planar(90, 0, 180)] * 3, from_ns=10**12)
     track = ("--track", "--odometry", "/wheels")
     two_drives = "by odometry over 4 steps, by constant motion over 2"
-    told = localize.run(first, later, *track)[1]
-    assert "6 accepted" in told
-    assert two_drives in told
+    reported = localize.run(first, later, *track)[1]
+    assert "6 accepted" in reported
+    assert two_drives in reported
     assert two_drives in localize.run(tmp_path / "days", *track)[1]
     # one drive, in two files
-    told = localize.run(first, onwards, *track)[1]
-    assert "by odometry over 5 steps, by constant motion over 1" in told
+    reported = localize.run(first, onwards, *track)[1]
+    assert "by odometry over 5 steps, by constant motion over 1" in reported
 
 
 def test_odometry_that_jumps_gives_no_step_there(localize: Command, tmp_path: Path) -> None:
     """A robot stands for nine scans, and its odometry jumps by 85 m at the fifth."""
     path = driven(tmp_path / "day", *(planar(5 if i < 4 else 90, 0, 0) for i in range(9)))
-    told = localize.run(path, "--track", "--odometry", "/wheels")[1]
-    assert "9 accepted" in told
+    reported = localize.run(path, "--track", "--odometry", "/wheels")[1]
+    assert "9 accepted" in reported
     # no step leads to the first scan, nor to the fifth, nor on from it
-    assert "by odometry over 6 steps, by constant motion over 3" in told
+    assert "by odometry over 6 steps, by constant motion over 3" in reported
 
 
 def test_fixes_are_written_as_csv_tum_and_mcap(localize: Command, tmp_path: Path) -> None:
@@ -208,8 +210,8 @@ def test_a_broken_scan_among_others_is_passed_over_and_counted(
 ) -> None:
     floats(tmp_path)
     (tmp_path / "2.npy").write_bytes(b"\x93NUMPY")
-    _, told = localize.run(tmp_path)
-    assert f"1 could not be read, the first: {tmp_path}/2.npy: no whole .npy" in told
+    _, reported = localize.run(tmp_path)
+    assert f"1 could not be read, the first: {tmp_path}/2.npy: no whole .npy" in reported
     assert "no whole .npy file" in localize.refused(tmp_path / "2.npy")
 
 
@@ -218,9 +220,11 @@ def test_a_sensor_at_another_height_is_reported_with_how_to_raise_its_points(
 ) -> None:
     points_m, _ = scan()
     np.save(tmp_path / "1.npy", points_m - (0, 0, 1.73))
-    told = localize.run(tmp_path / "1.npy")[1]
-    assert "unlike the scans that the site was learned with: the ground lies at z = -1.7" in told
-    assert "--lift 1.7" in told
+    reported = localize.run(tmp_path / "1.npy")[1]
+    assert (
+        "unlike the scans that the site was learned with: the ground lies at z = -1.7" in reported
+    )
+    assert "--lift 1.7" in reported
     # whatever was given, the whole lift is named
     assert "with --lift 1.7" in localize.run(tmp_path / "1.npy", "--lift", 3.0)[1]
     assert near(json.loads(localize.run(tmp_path / "1.npy", "--lift", 1.73, "--json")[0]))
@@ -239,8 +243,8 @@ def test_a_log_of_the_sites_data_set_is_raised_by_its_reader_only(
     said = localize.refused(tmp_path / "day", "--lift", 1.73)
     says = "is a log of the site's data set, whose reader raises its points"
     assert f"--lift 1.73: {tmp_path}/day {says}" in said
-    told = localize.run(tmp_path / "day")[1]
-    assert "not 0: it would with +1.72 m more of reader.lift_m" in told
+    reported = localize.run(tmp_path / "day")[1]
+    assert "not 0: it would with +1.72 m more of reader.lift_m" in reported
 
 
 @pytest.mark.parametrize(
@@ -259,18 +263,18 @@ def test_a_scan_that_leans_is_reported_with_how_to_turn_it(
     lidar_T_level = pose(np.zeros((1, 3)), np.radians([rpy_deg]))[0]
     points_m = (scan()[0] - (0, 0, 1.5)) @ lidar_T_level[:3, :3].T
     np.save(tmp_path / "1.npy", points_m)
-    told = localize.run(tmp_path / "1.npy")[1]
-    assert f"{says}: it would stand upright with" in told
-    assert "the ground lies" not in told
-    (option,) = [word for word in told.split() if word.startswith("--body-T-lidar=")]
+    reported = localize.run(tmp_path / "1.npy")[1]
+    assert f"{says}: it would stand upright with" in reported
+    assert "the ground lies" not in reported
+    (option,) = [word for word in reported.split() if word.startswith("--body-T-lidar=")]
     given_deg = np.array([float(word) for word in option.partition("=")[2].split(",")])
     wanted_deg = np.array([float(word) for word in turn.split(",")])
     off_deg = (given_deg[3:] - wanted_deg + 180) % 360 - 180
     assert np.abs(off_deg).max() < 1
     assert given_deg[2] == pytest.approx(1.5, abs=0.1)
-    line, told = localize.run(tmp_path / "1.npy", option, "--json")
+    line, reported = localize.run(tmp_path / "1.npy", option, "--json")
     assert json.loads(line)["verdict"] == "accepted"
-    assert "upright" not in told
+    assert "upright" not in reported
 
 
 def test_level_scans_of_other_places_do_not_lean() -> None:
@@ -287,8 +291,8 @@ def test_level_scans_of_other_places_do_not_lean() -> None:
         (["none"], "none: no such file or folder"),
         (["."], "no scan there"),
         (
-            ["1.bin", "--promise", "0.5"],
-            "promise=0.5: this site cannot promise that, it can 0.95 and 0.99",
+            ["1.bin", "--target-precision", "0.5"],
+            "target_precision=0.5: this site has no threshold for it; it has thresholds for 0.95 and 0.99",
         ),
         (["1.bin", "-o", "nowhere/x.csv"], "nowhere/x.csv: no folder nowhere"),
         (["1.bin", "-o", "empty"], "empty: is a folder, expected a file"),

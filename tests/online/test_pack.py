@@ -20,12 +20,12 @@ from pipeline.methods.scan_context import ScanContext50
 from pipeline.online.description import describe
 from pipeline.online.pack import Packing, Trained
 from pipeline.online.site import Site
-from pipeline.posing.held_out import HeldOut
-from pipeline.posing.learning import Learned, basis
+from pipeline.posing.learned_verdict import Learned, basis
 from pipeline.posing.targets import write_map
+from pipeline.posing.validation import ValidationBlocks
 from pipeline.running.texts import read_yaml
 from pipeline.studies.layout import Layout
-from pipeline.views.draw import AS_DRIVEN
+from pipeline.views.draw import UNCHANGED
 from pipeline.views.scan_context import ScanContext
 from stages.poses import scans_basis
 from tests.artifacts import write_views
@@ -58,7 +58,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     labels = label(poses, poses, GRID, 0)
     store.write(made / "labels/three/10m/monday.zarr", labels)
     path = made / "views/three/scan_context/monday.zarr"
-    write_views(path, schemas.ScanContextViews, images, poses, cases=AS_DRIVEN)
+    write_views(path, schemas.ScanContextViews, images, poses, cases=UNCHANGED)
     model = ScanContext50().learn(Rows(images, np.arange(24), poses), labels.places, Progress())
     recipe = {"_target_": target_of(ScanContext50()), "view": "scan_context", "candidates": 50}
     store.write_model(made / "train/three/10m/scan_context.zarr.zip", model, recipe)
@@ -77,14 +77,16 @@ def test_a_packed_site_localises_a_scan(project: Path, tmp_path: Path) -> None:
     assert said.startswith(f"{tmp_path / 'three.site'}: 3 places, 24 submaps")
     site = Site.open(tmp_path / "three.site")
     points_m, world_T_robot = scan(2, 1.0, 0.5, 20.0)
-    # 24 held-out queries are too few for any promise
-    with one_line(InputError, "promise=0.99: this site cannot promise that, nor any other"):
+    # 24 validation queries are too few for any target precision
+    with one_line(
+        InputError, "target_precision=0.99: this site has no threshold for it; nor for any other"
+    ):
         site.localize(points_m)
     fix = site.localize(points_m, None)
     np.testing.assert_allclose(fix.world_T_sensor, world_T_robot, atol=0.1)
     assert site.description.reader["_target_"] == "pipeline.readers.folder.Folder"
     assert site.description.sensor.ground_m == pytest.approx(0, abs=0.05)
-    assert 0 < site.fixer.least_overlap <= 0.3  # it is learned from held-out blocks
+    assert 0 < site.fixer.least_overlap <= 0.3  # it is learned from validation blocks
     assert site.description.provenance.train == "monday"
     assert "site three/10m/scan_context" in describe(tmp_path / "three.site").text()
 
@@ -92,7 +94,7 @@ def test_a_packed_site_localises_a_scan(project: Path, tmp_path: Path) -> None:
 def test_a_site_is_packed_from_the_verdict_of_the_stage_poses(
     project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The same bytes, and no held-out block is registered a second time."""
+    """The same bytes, and no validation block is registered a second time."""
     packed(project, "three/10m/scan_context", tmp_path / "learned.site")
     made = project / "artifacts"
     scans = store.read(made / "scans/three/monday.zarr", schemas.Scans)
@@ -117,7 +119,7 @@ def test_a_site_is_packed_from_the_verdict_of_the_stage_poses(
     ]
     with initialize_config_dir(str(ROOT / "conf"), version_base=None):
         stages.poses.main.run(compose("poses", words))
-    monkeypatch.setattr(HeldOut, "evidence", None)
+    monkeypatch.setattr(ValidationBlocks, "evidence", None)
     packed(project, "three/10m/scan_context", tmp_path / "read.site")
     assert (tmp_path / "read.site").read_bytes() == (tmp_path / "learned.site").read_bytes()
     # the verdict of another model is none of this one's

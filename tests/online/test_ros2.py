@@ -85,7 +85,8 @@ def test_only_an_accepted_cloud_becomes_a_pose(
 def test_the_odometrys_frame_is_located_in_the_map(
     example: ModuleType, three_places: Path, tmp_path: Path
 ) -> None:
-    """At the second cloud, 1 m farther on, odometry is at x = 8 m, so it began 8 m behind the robot."""
+    """At the second cloud, 1 m farther on, odometry is at x = 8 m, so it began 8 m behind the
+    robot."""
     node = example.Localizer(Site.open(three_places), body_T_lidar="0,0,1.5,180,0,0")
     mounted = [seen_from(scene(1), planar(x_m, 0, 0)) * (1, -1, -1) + (0, 0, 1.5) for x_m in (0, 1)]
     clouds, odometry = sent(tmp_path / "day", *mounted)
@@ -157,7 +158,9 @@ def test_a_level_robot_is_started_once_and_again_after_it_was_carried_away(
 
     Three sweeps fail before the whole map is searched again.
     """
-    fakes = faked(monkeypatch, hall, odometry="/wheels", promise=0.95, body_T_lidar="0.5,0,0,0,0,0")
+    fakes = faked(
+        monkeypatch, hall, odometry="/wheels", target_precision=0.95, body_T_lidar="0.5,0,0,0,0,0"
+    )
     node = fakes["rclpy.node"].Node.return_value
     publishers: dict[str, MagicMock] = {}
     node.create_publisher.side_effect = lambda _, topic, __: publishers.setdefault(

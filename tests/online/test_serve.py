@@ -81,7 +81,7 @@ def test_a_scan_of_floats_gets_its_fix(server: Server) -> None:
     assert found["verdict"] == "accepted"
     assert server.get("/healthz").json()["unlike"] == []  # no warnings about the scan's sensor
     assert np.hypot(found["x"] - scan()[1][0, 3], found["y"] - scan()[1][1, 3]) < 0.1
-    assert server.ask(floats(), promise="none").json()["verdict"] == "rejected"
+    assert server.ask(floats(), target_precision="none").json()["verdict"] == "rejected"
     assert server.ask(b"").json()["verdict"] == "no pose"
     lowered = (scan()[0] - (0, 0, 1.3)).astype("<f4").tobytes()
     as_curl_sends_it = server.ask(lowered, "application/x-www-form-urlencoded", lift_m=1.3)
@@ -118,10 +118,16 @@ def test_what_is_no_scan_is_refused_in_a_line(
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ({"promise": "often"}, "promise='often': expected a number"),
-        ({"promise": 0.5}, "promise=0.5: this site cannot promise that, it can 0.95 and 0.99"),
-        ({"promise": 0.999}, "promise=0.999: this site cannot promise that, it can 0.95 and 0.99"),
-        ({"lift": 1.3}, "?lift: no such option; expected promise, lift_m or body_T_lidar"),
+        ({"target_precision": "often"}, "target_precision='often': expected a number"),
+        (
+            {"target_precision": 0.5},
+            "target_precision=0.5: this site has no threshold for it; it has thresholds for 0.95 and 0.99",
+        ),
+        (
+            {"target_precision": 0.999},
+            "target_precision=0.999: this site has no threshold for it; it has thresholds for 0.95 and 0.99",
+        ),
+        ({"lift": 1.3}, "?lift: no such option; expected target_precision, lift_m or body_T_lidar"),
         ({"body_T_lidar": "0,0,x"}, "body_T_lidar=0,0,x: expected x,y,z,roll,pitch,yaw in metres"),
         ({"body_T_lidar": "0,0,1,0,0,0", "lift_m": 1}, "lift_m: not with body_T_lidar"),
         ({"lift_m": "nan"}, "lift_m='nan': expected a number"),
@@ -165,7 +171,10 @@ def test_hostile_bodies_leave_it_running(server: Server) -> None:
 def test_health_and_metrics(server: Server) -> None:
     assert server.get("/localize").json()["error"].startswith("Method Not Allowed; POST /localize")
     assert server.get("/healthz").json()["site"] == "three/10m/scan_context"
-    assert server.get("/healthz").json()["promises"] == [0.95, 0.99]  # no threshold keeps .999
+    assert server.get("/healthz").json()["target_precisions"] == [
+        0.95,
+        0.99,
+    ]  # no threshold keeps .999
     server.ask(floats())
     text = server.get("/metrics").text
     assert 'yearloc_fixes_total{verdict="accepted"}' in text

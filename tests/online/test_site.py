@@ -16,7 +16,7 @@ from pipeline.online.description import describe
 from pipeline.online.site import Site
 from pipeline.online.site_file import ABOUT, MAP, MODEL
 from pipeline.online.tracking import Tracker
-from pipeline.posing.fix import Fix as Registered
+from pipeline.posing.fix import ScanFix as Registered
 from tests.online.made import SENSOR, about, packed, scan, with_content
 from tests.posing.scene import hypothesis, scene
 from tests.readers.damage import damaged, one_line
@@ -32,7 +32,7 @@ def test_a_scan_is_localised(three: Site, row: int) -> None:
     points_m, world_T_robot = scan(row)
     fix = three.localize(points_m)
     away_m, turn_deg = distance_and_turn(fix.world_T_sensor[None], world_T_robot[None])
-    assert (fix.verdict, fix.promised_precision) == ("accepted", 0.99)
+    assert (fix.verdict, fix.accepted_at) == ("accepted", 0.99)
     assert away_m[0] < 0.1
     assert turn_deg[0] < 0.3
     assert fix.place == three.places.at(world_T_robot[None, :2, 3])[0]
@@ -47,7 +47,7 @@ def test_another_place_is_rejected_and_too_few_points_have_no_pose(three: Site) 
     of_few_points = three.localize(np.ones((5, 3)))
     assert of_few_points.verdict == "no pose"
     assert of_few_points.place == -1
-    assert of_few_points.promised_precision is None
+    assert of_few_points.accepted_at is None
     assert np.isnan(of_few_points.world_T_sensor).all()
 
 
@@ -61,7 +61,7 @@ def test_another_place_is_rejected_and_too_few_points_have_no_pose(three: Site) 
         ((), "no pose"),
     ],
 )
-def test_the_verdict_is_the_first_belief_that_keeps_the_promise(
+def test_the_verdict_is_the_first_claim_that_keeps_the_target_precision(
     three: Site, overlaps: tuple[float, ...], verdict: str
 ) -> None:
     """A pose with odds of e⁴ to 1 is accepted. At e⁻² it is not, but the robot is near it.
@@ -69,12 +69,12 @@ def test_the_verdict_is_the_first_belief_that_keeps_the_promise(
     Of two poses with e³, 200 m apart, one is right.
     """
     hypotheses = [hypothesis(200 * row, overlap) for row, overlap in enumerate(overlaps)]
-    found = Registered.of(hypotheses, three.doubt_judge.pose)
+    found = Registered.of(hypotheses, three.claim_judge.pose)
     fix = three.judge(found, 0.99)
     assert fix.verdict == verdict
     assert three.judge(found, None).verdict in ("rejected", "no pose")
-    chances = [np.exp(3) / (1 + 2 * np.exp(3))] * (len(overlaps) - 1)
-    assert [other.chance for other in fix.runners_up] == pytest.approx(chances)
+    probabilities = [np.exp(3) / (1 + 2 * np.exp(3))] * (len(overlaps) - 1)
+    assert [other.probability for other in fix.runners_up] == pytest.approx(probabilities)
 
 
 def test_points_that_are_not_finite_are_dropped(three: Site) -> None:
@@ -93,12 +93,15 @@ def test_an_array_that_is_no_cloud_is_refused(three: Site, points_m: Any) -> Non
         three.localize(points_m)
 
 
-def test_a_promise_that_the_site_does_not_make_is_refused(three: Site) -> None:
-    with one_line(InputError, "promise=0.5: this site cannot promise that, it can 0.95 and 0.99"):
-        three.localize(scan()[0], promise=0.5)
-    with one_line(InputError, "promise=0.999: this site cannot promise that"):
-        Tracker(three, promise=0.999)
-    assert three.localize(scan()[0], promise=None).verdict == "rejected"
+def test_a_target_precision_that_the_site_does_not_make_is_refused(three: Site) -> None:
+    with one_line(
+        InputError,
+        "target_precision=0.5: this site has no threshold for it; it has thresholds for 0.95 and 0.99",
+    ):
+        three.localize(scan()[0], target_precision=0.5)
+    with one_line(InputError, "target_precision=0.999: this site has no threshold for it"):
+        Tracker(three, target_precision=0.999)
+    assert three.localize(scan()[0], target_precision=None).verdict == "rejected"
 
 
 def test_the_same_site_has_the_same_bytes(three_places: Path, tmp_path: Path) -> None:
@@ -139,7 +142,7 @@ def test_a_zip_of_something_else_is_refused(
         ({"method": {"_target_": "os.system"}}, "os.system: expected a class of pipeline.methods"),
         ({"view": {"_target_": "pipeline.views.draw.View"}}, "expected a class of"),
         ({"method": about()["method"] | {"candidates": "many"}}, "method.candidates=many"),
-        ({"k": None}, "site.json: not given: k; pack the site anew"),
+        ({"k": None}, "site.json: not given: k; pack the site again"),
         ({"verdict": {}}, "site.json: not given: verdict.pose, verdict.place"),
         ({"map": {"grain_m": 1}}, "site.json: not given: map.range_m, map.single; pack"),
         ({"simulated": 1}, "simulated=1: expected true or false"),
@@ -150,8 +153,13 @@ def test_a_zip_of_something_else_is_refused(
             "places: x_m=5.0…-5.0: the box must have a length",
         ),
         (
-            {"growth": {"voxel_m": 0.1, "days": [{"day": "monday", "views": "many"}]}},
-            r"growth.days\[0\].views=many: expected a whole number",
+            {
+                "incremental_learning": {
+                    "voxel_m": 0.1,
+                    "days": [{"day": "monday", "views": "many"}],
+                }
+            },
+            r"incremental_learning.days\[0\].views=many: expected a whole number",
         ),
     ],
 )
@@ -180,7 +188,7 @@ def test_a_damaged_site_is_opened_as_it_was_or_refused(
         Site.open(broken)
 
 
-def test_a_description_says_what_a_site_holds_and_promises(three_places: Path) -> None:
+def test_a_description_says_what_a_site_holds_and_target_precisions(three_places: Path) -> None:
     text = describe(three_places).text()
     assert "site three/10m/scan_context, of a simulated world" in text
     assert "3 cells of 10 m" in text

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from pipeline.online.motion import Motion
-from pipeline.online.site import NO_LIMITS, Site
+from pipeline.online.site import NO_THRESHOLDS, Site
 from pipeline.online.tracking import PATIENCE, Tracker
-from pipeline.posing.fix import Fix as Registered
+from pipeline.posing.fix import ScanFix as Registered
 from tests.online.made import ANCHORS
 from tests.posing.scene import hypothesis, planar, scene, seen_from
 
@@ -99,7 +99,8 @@ def test_after_a_long_pause_a_robot_without_odometry_is_sought_everywhere(site: 
 
 
 def test_odometry_that_was_set_back_does_not_carry_a_robot_off(site: Site) -> None:
-    """At .5 m/s, odometry once jumps back by 90 m: no robot drives so far, so the step is guessed."""
+    """At .5 m/s, odometry once jumps back by 90 m: no robot drives so far, so the step is
+    guessed."""
     tracker = Tracker(site)
     for i in range(6):
         step = planar(-90 if i == 4 else 0.5, 0, 0)
@@ -128,11 +129,13 @@ def test_a_robot_that_is_carried_off_is_lost_and_found(site: Site) -> None:
 def test_a_track_starts_only_from_a_fix_that_its_own_scan_accepts(site: Site) -> None:
     """Belief is no substitute, be it ever so sure; nor is it from there while the robot stands."""
     unsure = copy(site)
-    unsure.promises = dict.fromkeys(site.promises, NO_LIMITS)  # no scan alone is accepted
+    unsure.target_precisions = dict.fromkeys(
+        site.target_precisions, NO_THRESHOLDS
+    )  # no scan alone is accepted
     tracker = Tracker(unsure)
     fixes = [tracker.localize(seen(0, 0.5 * i), planar(0.5, 0, 0)) for i in range(6)]
-    assert fixes[-1].chance > 0.999
-    assert {(fix.verdict, fix.promised_precision) for fix in fixes} == {("rejected", None)}
+    assert fixes[-1].probability > 0.999
+    assert {(fix.verdict, fix.accepted_at) for fix in fixes} == {("rejected", None)}
     tracker.site = site
     assert tracker.localize(seen(0, 3.0), planar(0.5, 0, 0)).verdict == "accepted"
     tracker.site = unsure
@@ -141,8 +144,9 @@ def test_a_track_starts_only_from_a_fix_that_its_own_scan_accepts(site: Site) ->
 
 
 def test_a_tracked_pose_is_never_called_near(site: Site) -> None:
-    """At an overlap of .5 a pose is near if the whole map was searched for others, else rejected."""
-    found = Registered.of([hypothesis(0, 0.5)], site.doubt_judge.pose)
+    """At an overlap of .5 a pose is near if the whole map was searched for others, else
+    rejected."""
+    found = Registered.of([hypothesis(0, 0.5)], site.claim_judge.pose)
     fix = site.judge(found, 0.99)
     assert Tracker(site)._believed(fix, is_tracked=False).verdict == "near"
     assert Tracker(site)._believed(fix, is_tracked=True).verdict == "rejected"

@@ -34,11 +34,11 @@ def drive(three_places: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple
 def test_a_recording_for_rerun_has_map_scans_and_verdicts(
     drive: tuple[str, str], tmp_path: Path, yearloc: Command
 ) -> None:
-    _, told = yearloc.run("watch", *drive, "--save", tmp_path / "day.rrd")
-    assert "3 scans: 1 accepted, 0 near, 0 ambiguous, 1 rejected, 1 no pose" in told
+    _, reported = yearloc.run("watch", *drive, "--save", tmp_path / "day.rrd")
+    assert "3 scans: 1 accepted, 0 near, 0 ambiguous, 1 rejected, 1 no pose" in reported
     data = (tmp_path / "day.rrd").read_bytes()
     assert data[:3] == b"RRF"
-    for name in (b"world/map", b"world/robot/scan", b"chance/accepted_from", b"StateChange"):
+    for name in (b"world/map", b"world/robot/scan", b"probability/accepted_from", b"StateChange"):
         assert name in data
 
 
@@ -110,8 +110,8 @@ def test_points_as_far_out_as_utm_lie_where_the_poses_put_them(
         (["--save", "day.txt"], "--save day.txt: expected FILE.rrd or FILE.mcap"),
         (["--save", "day.rrd", "--every", "0"], "--every 0: expected at least 1"),
         (
-            ["--save", "day.rrd", "--promise", "1"],
-            "promise=1: this site cannot promise that, it can 0.95 and 0.99",
+            ["--save", "day.rrd", "--target-precision", "1"],
+            "target_precision=1: this site has no threshold for it; it has thresholds for 0.95 and 0.99",
         ),
     ],
 )

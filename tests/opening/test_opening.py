@@ -13,7 +13,8 @@ from tests.readers.bags import KINDS, START_NS, STEP_NS, bag_path, drive
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_bag_is_opened_with_its_odometry_as_odometry(kind: str, tmp_path: Path) -> None:
-    """Of /truth in map and /odom in odom, the latter drifts; clouds lie 50 ms after the poses."""
+    """Of /ground_truth in map and /odom in odom, the latter drifts; clouds lie 50 ms after the
+    poses."""
     log = unposed(drive(bag_path(tmp_path, kind), kind))
     assert not np.isfinite(log.world_T_scan).any()
     assert log.stamps_ns.tolist() == [START_NS + i * STEP_NS + STEP_NS // 2 for i in range(4)]

@@ -1,39 +1,41 @@
-"""Belief: how fixes along a path raise and lower each other's chances."""
+"""Belief: how fixes along a path raise and lower each other's probabilities."""
 
 import numpy as np
 import pytest
 
-from pipeline.paths.belief import JUMP_CHANCE, Belief, still_right
+from pipeline.paths.belief import JUMP_PROBABILITY, Belief, still_right
 from tests.posing.scene import planar
 
 
 def drive_to_origin(belief: Belief) -> None:
-    """Four fixes with a chance of .99, a metre apart: they leave no doubt."""
+    """Four fixes with a probability of .99, a metre apart: they leave no doubt."""
     for x_m in (-3, -2, -1, 0):
         belief.move(planar(1, 0, 0))
         belief.see(planar(x_m, 0, 0), 0.99)
 
 
-def test_the_first_fix_has_the_chance_of_its_scan() -> None:
-    for chance in (0.05, 0.5, 0.99):
+def test_the_first_fix_has_the_probability_of_its_scan() -> None:
+    for probability in (0.05, 0.5, 0.99):
         belief = Belief()
         assert belief.best() is None
-        assert belief.see(planar(100, 0, 0), chance) == pytest.approx(chance)
+        assert belief.see(planar(100, 0, 0), probability) == pytest.approx(probability)
         pose, believed = belief.best()
         assert pose[0, 3] == 100
-        assert believed == pytest.approx(chance)
+        assert believed == pytest.approx(probability)
 
 
-def test_fixes_that_agree_with_the_path_raise_the_chance_and_those_that_do_not_lower_it() -> None:
+def test_fixes_that_agree_with_the_path_raise_the_probability_and_those_that_do_not_lower_it() -> (
+    None
+):
     agreed = Belief()
     jumped = Belief()
     for belief in (agreed, jumped):
         assert belief.see(planar(100, 0, 0), 0.8) == pytest.approx(0.8)
         belief.move(planar(4, 0, 0))
-    # The robot is at the first fix with 0.8 × (1 − JUMP_CHANCE), and a wrong fix lies there with
-    # 0.3. So a fix there is right with a weight of 0.8 (0.2 + 0.8 / 0.3), wrong with one of
+    # The robot is at the first fix with 0.8 × (1 − JUMP_PROBABILITY), and a wrong fix lies there
+    # with 0.3. So a fix there is right with a weight of 0.8 (0.2 + 0.8 / 0.3), wrong with one of
     # 0.2 × 0.2.
-    at_first = 0.8 * (1 - JUMP_CHANCE)
+    at_first = 0.8 * (1 - JUMP_PROBABILITY)
     elsewhere = 1 - at_first
     right = 0.8 * (elsewhere + at_first / 0.3)
     wrong = 0.2 * elsewhere
@@ -43,7 +45,7 @@ def test_fixes_that_agree_with_the_path_raise_the_chance_and_those_that_do_not_l
     assert jumped.see(planar(200, 0, 0), 0.8) == pytest.approx(right / (right + 0.2))
 
 
-def test_a_tracked_pose_is_believed_by_its_own_chance_alone() -> None:
+def test_a_tracked_pose_is_believed_by_its_own_probability_alone() -> None:
     better = Belief()
     worse = Belief()
     before, _ = (belief.see(planar(100, 0, 0), 0.9) for belief in (better, worse))
@@ -56,10 +58,10 @@ def test_belief_is_carried_by_the_odometry_and_less_sure_with_every_metre() -> N
     belief.see(planar(50, 0, 0), 0.99)
     for step in (planar(8, 0, 0), planar(0, 0, 90), planar(2, 0, 0)):
         belief.move(step)
-    pose, chance = belief.best()
+    pose, probability = belief.best()
     assert pose == pytest.approx(planar(58, 2, 90))
     drift_m = np.array(0.5)  # 5 % of 10 m
-    assert chance == pytest.approx(0.99 * (1 - JUMP_CHANCE) ** 3 * still_right(drift_m))
+    assert probability == pytest.approx(0.99 * (1 - JUMP_PROBABILITY) ** 3 * still_right(drift_m))
 
 
 def test_a_pose_within_the_drift_agrees_and_one_beyond_it_does_not() -> None:
@@ -70,14 +72,14 @@ def test_a_pose_within_the_drift_agrees_and_one_beyond_it_does_not() -> None:
         assert (belief.see(planar(20, off_m, 0), 0.9) > 0.9) == agrees
 
 
-def test_after_a_guessed_step_a_fix_agrees_within_the_doubt_of_the_guess() -> None:
+def test_after_a_guessed_step_a_fix_agrees_within_the_deviations_of_the_guess() -> None:
     # It agrees within 2 m and three times 2 m. The pose that was moved by the guess keeps
-    # erf(2 m / (√2 × 2 m)) = .68 of its chance.
+    # erf(2 m / (√2 × 2 m)) = .68 of its probability.
     for off_m, near in ((7.9, True), (8.1, False)):
         belief = Belief()
         belief.see(planar(0, 0, 0), 0.9)
-        belief.move(np.eye(4), doubt=(2.0, 4.0))
-        assert belief.best()[1] == pytest.approx(0.9 * (1 - JUMP_CHANCE) * 0.6827, abs=1e-4)
+        belief.move(np.eye(4), deviations=(2.0, 4.0))
+        assert belief.best()[1] == pytest.approx(0.9 * (1 - JUMP_PROBABILITY) * 0.6827, abs=1e-4)
         assert (belief.see(planar(off_m, 0, 0), 0.9) > 0.9) == near
 
 
@@ -85,12 +87,12 @@ def test_after_a_guessed_step_a_fix_agrees_within_the_doubt_of_the_guess() -> No
 def test_a_pose_that_slipped_from_a_guess_is_doubted_as_much_as_alone(tracked: bool) -> None:
     """A fix 3.5 m along the street from a hypothesis is not near enough to be right with it.
 
-    By hand, if it was not tracked: the hypothesis is believed with .999 and lies near, so the fix is
-    right with a weight of .56 × .999 / .3, and has slipped with one of .44 × .999: .81.
+    By hand, if it was not tracked: the hypothesis is believed with .999 and lies near, so the fix
+    is right with a weight of .56 × .999 / .3, and has slipped with one of .44 × .999: .81.
     """
     belief = Belief()
     drive_to_origin(belief)
-    belief.move(np.eye(4), doubt=(2.0, 4.0))
+    belief.move(np.eye(4), deviations=(2.0, 4.0))
     believed = belief.see(planar(3.5, 0, 0), 0.56, tracked)
     assert believed < 0.9
     assert tracked or believed == pytest.approx(0.81, abs=0.01)
@@ -103,7 +105,7 @@ def test_a_pose_that_may_have_slipped_is_off_by_as_much() -> None:
     """
     belief = Belief()
     drive_to_origin(belief)
-    belief.move(np.eye(4), doubt=(2.0, 4.0))
+    belief.move(np.eye(4), deviations=(2.0, 4.0))
     wrong = 1 - belief.see(planar(3.5, 0, 0), 0.56)
     moment_m2 = belief.slipped_m2()
     assert np.diag(moment_m2) == pytest.approx(wrong * np.array([3.5**2 + 4, 4, 4]), rel=0.01)
@@ -115,7 +117,7 @@ def test_a_pose_that_may_have_slipped_is_off_by_as_much() -> None:
 def test_a_pose_beside_a_sure_guess_is_believed_for_it() -> None:
     belief = Belief()
     drive_to_origin(belief)
-    belief.move(planar(5, 0, 0), doubt=(0.1, 1.0))
+    belief.move(planar(5, 0, 0), deviations=(0.1, 1.0))
     assert belief.see(planar(5.1, 0, 0), 0.8, tracked=True) > 0.99
 
 
@@ -123,24 +125,25 @@ def test_a_pose_beside_a_guess_may_be_turned_as_far_as_the_guess() -> None:
     for turn_deg, near in ((16, True), (18, False)):  # 5°, and three times 4°
         belief = Belief()
         belief.see(planar(0, 0, 0), 0.9)
-        belief.move(planar(1, 0, 0), doubt=(2.0, 4.0))
+        belief.move(planar(1, 0, 0), deviations=(2.0, 4.0))
         assert (belief.see(planar(1, 0, turn_deg), 0.9) > 0.9) == near
 
 
 def test_a_carried_robot_is_found_again_by_poses_that_agree() -> None:
     belief = Belief()
-    chances = []
+    probabilities = []
     for x_m in (*range(20), *range(300, 308)):
         belief.move(planar(1, 0, 0))
-        chances.append(belief.see(planar(x_m, 0, 0), 0.9))
-    assert chances[19] > 0.99
-    assert chances[20] < 0.1
-    assert chances[-1] > 0.99
-    assert belief.now.chances.sum() <= 1 + 1e-9
+        probabilities.append(belief.see(planar(x_m, 0, 0), 0.9))
+    assert probabilities[19] > 0.99
+    assert probabilities[20] < 0.1
+    assert probabilities[-1] > 0.99
+    assert belief.now.probabilities.sum() <= 1 + 1e-9
 
 
 def test_the_same_view_without_motion_is_no_new_evidence() -> None:
-    """Twenty sweeps of a robot that stands, or rocks by .3 m, leave the chance of the newest one."""
+    """Twenty sweeps of a robot that stands, or rocks by .3 m, leave the probability of the newest
+    one."""
     for step in (planar(0, 0, 0), planar(0.3, 0, 0)):
         belief = Belief()
         for _ in range(10):
@@ -156,7 +159,7 @@ def test_without_odometry_fixes_tell_whether_the_robot_has_moved() -> None:
     moving = Belief()
     for number in range(4):
         for belief, x_m in ((standing, 0.1 * number), (moving, 1.0 * number)):
-            belief.move(np.eye(4), doubt=(1.0, 1.0))
+            belief.move(np.eye(4), deviations=(1.0, 1.0))
             belief.see(planar(x_m, 0, 0), 0.6)
     assert (standing.views, moving.views) == (1, 4)
     assert standing.best()[1] == pytest.approx(0.6)
@@ -175,6 +178,6 @@ def test_a_path_is_not_forgotten_while_the_robot_stands() -> None:
     assert belief.see(planar(1, 0, 0), 0.9) > 0.999
 
 
-def test_the_chance_to_be_right_after_a_drift() -> None:
+def test_the_probability_to_be_right_after_a_drift() -> None:
     # A pose is right within 2 m: two deviations of 1 m, which .9545 of all cases are within.
     assert still_right(np.array([0.0, 1.0])) == pytest.approx([1.0, 0.9545], abs=1e-4)

@@ -34,8 +34,9 @@ def circle() -> np.ndarray:
 TRUE = circle()
 
 
-def track(fixed: list[int], chance: float = 0.995, scale: float = 1.0) -> Track:
-    """A track with fixes at the rows `fixed`, 5 cm off, and odometry that is `scale` times too long."""
+def track(fixed: list[int], probability: float = 0.995, scale: float = 1.0) -> Track:
+    """A track with fixes at the rows `fixed`, 5 cm off, and odometry that is `scale` times too
+    long."""
     steps = np.linalg.inv(TRUE[:-1]) @ TRUE[1:]
     steps[:, :3, 3] *= scale
     odom = [np.eye(4)]
@@ -48,7 +49,7 @@ def track(fixed: list[int], chance: float = 0.995, scale: float = 1.0) -> Track:
     return Track(
         np.array(odom),
         world,
-        np.where(has_fix, chance, 0.0),
+        np.where(has_fix, probability, 0.0),
         has_fix,
         np.tile(1e-4 * np.eye(6), (N, 1, 1)),
     )
@@ -71,18 +72,19 @@ def test_dead_reckoning_drifts_from_the_first_fix_on_and_has_no_estimate_before(
 def test_a_filter_carries_a_fix_on_and_is_less_sure_with_every_metre():
     found = FILTER.along(track([10, 40]))
     assert np.isnan(found.world_T_query[:10]).all()
-    assert (found.chance[:10] == 0).all()
-    assert found.chance[10] > 0.9
-    assert (np.diff(found.chance[10:40]) < 0).all()
-    assert found.chance[40] > found.chance[39]
+    assert (found.probability[:10] == 0).all()
+    assert found.probability[10] > 0.9
+    assert (np.diff(found.probability[10:40]) < 0).all()
+    assert found.probability[40] > found.probability[39]
     assert found.world_T_query[39] == pytest.approx(TRUE[39], abs=0.2)
 
 
 def test_a_filter_believes_no_lone_look_alike():
-    """One fix lies across the circle and has a chance of .7; those before and after it are right."""
+    """One fix lies across the circle and has a probability of .7; those before and after it are
+    right."""
     seen = track(list(range(0, 60, 2)))
     seen.world_T_query[31] = TRUE[51]
-    seen.chance[31] = 0.7
+    seen.probability[31] = 0.7
     assert np.linalg.norm(TRUE[51, :2, 3] - TRUE[31, :2, 3]) > 70
     assert FILTER.along(seen).world_T_query[31] == pytest.approx(TRUE[31], abs=0.2)
 
@@ -90,10 +92,10 @@ def test_a_filter_believes_no_lone_look_alike():
 def test_a_graph_mends_the_odometry_between_fixes_before_and_after():
     seen = track([*range(0, N, 10), N - 1], scale=1.03)
     alone = off_m(ODOMETRY, seen)
-    mended = off_m(GRAPH, seen)
-    assert np.isfinite(mended).all()
-    assert mended.max() < 0.7  # between two fixes lies a quarter of the circle
-    assert mended.max() < alone.max() / 3
+    fixed = off_m(GRAPH, seen)
+    assert np.isfinite(fixed).all()
+    assert fixed.max() < 0.7  # between two fixes lies a quarter of the circle
+    assert fixed.max() < alone.max() / 3
 
 
 def test_a_graph_is_not_torn_by_a_wrong_fix():
@@ -108,7 +110,7 @@ def test_only_accepted_fixes_hold_a_graph_if_it_goes_by_the_verdict():
     assert np.isnan(GRAPH.along(seen).world_T_query).all()
     of_all_fixes = Graph(False, 0.05, 0.2, 0.1, 0.5, 2.0).along(seen)
     assert np.isfinite(of_all_fixes.world_T_query).all()
-    assert (of_all_fixes.chance > 0.5).any()
+    assert (of_all_fixes.probability > 0.5).any()
 
 
 @pytest.mark.parametrize("path", [FILTER, GRAPH, ODOMETRY])
@@ -118,7 +120,7 @@ def test_nothing_is_carried_over_a_gap_in_the_odometry(path: Path):
     found = path.along(seen)
     assert np.isfinite(found.world_T_query[29]).all()
     assert np.isnan(found.world_T_query[31:]).all()
-    assert (found.chance[31:] == 0).all()
+    assert (found.probability[31:] == 0).all()
 
 
 def test_the_fixes_of_a_drive_are_replaced_by_estimates(tmp_path: Path) -> None:
@@ -134,8 +136,10 @@ def test_the_fixes_of_a_drive_are_replaced_by_estimates(tmp_path: Path) -> None:
         "places": np.tile(np.arange(k), (N, 1)),
         "costs": np.tile(np.arange(k, dtype=np.float32), (N, 1)),
         "xy_m": np.zeros((N, k, 2)),
-        "novelty": np.stack([1 - seen.chance, 1 - seen.chance], axis=1).astype(np.float32),
-        "confidence": seen.chance.astype(np.float32),
+        "novelty": np.stack([1 - seen.probability, 1 - seen.probability], axis=1).astype(
+            np.float32
+        ),
+        "confidence": seen.probability.astype(np.float32),
         "heading_deg": np.zeros((N, k), np.float32),
         "turned_deg": np.zeros(N, np.float32),
         "world_T_query": seen.world_T_query,
@@ -147,28 +151,29 @@ def test_the_fixes_of_a_drive_are_replaced_by_estimates(tmp_path: Path) -> None:
         "cases": [case],
         "kinds": ["fix", "place"],
         "thresholds": [0.6, 0.5],
-        "wanted_precision": 0.9,
+        "target_precision": 0.9,
         "right_within": [2.0, 5.0],
     }
     attrs |= {
-        "promises": [0.95, 0.99, 0.999],
-        "promised": [0.7, 0.6, 0.0],
-        "promised_place": [0.3, 0.2, 0.1],
-        "promised_several": [0.3, 0.2, 0.1],
-        "held_out": 300,
+        "target_precisions": [0.95, 0.99, 0.999],
+        "pose_thresholds": [0.7, 0.6, 0.0],
+        "place_thresholds": [0.3, 0.2, 0.1],
+        "several_thresholds": [0.3, 0.2, 0.1],
+        "validation": 300,
     }
     with store.draft(path, schemas.Fixes, **attrs) as out:
         for name, values in columns.items():
             out.put(name, values)
     fixes = joined(store.read(path, schemas.Fixes), seen.odom_T_query, FILTER, places)
-    store.write(tmp_path / "anew.zarr", fixes)
+    store.write(tmp_path / "again.zarr", fixes)
     assert fixes.world_T_query[22] == pytest.approx(TRUE[22], abs=0.2)
     assert fixes.places[22].tolist()[0] == places.at(TRUE[22:23, :2, 3])[0]
-    assert fixes.novelty[22, 0] < fixes.promised[1] == pytest.approx(0.01)
+    assert fixes.novelty[22, 0] < fixes.pose_thresholds[1] == pytest.approx(0.01)
     assert fixes.novelty[22, 1] == columns["novelty"][22, 1]
     assert fixes.thresholds == pytest.approx([0.1, 0.5])
     assert np.isnan(fixes.covariance).all()
-    # the beliefs place and several were judged by each query's own fix, so no promise keeps them
-    assert max((*fixes.promised_place, *fixes.promised_several)) < 0
+    # the beliefs place and several were judged by each query's own fix, so no target precision
+    # keeps them
+    assert max((*fixes.place_thresholds, *fixes.several_thresholds)) < 0
     with pytest.raises(InputError, match="80 queries in 1 cases of 79 submaps"):
         joined(store.read(path, schemas.Fixes), seen.odom_T_query[1:], FILTER, places)

@@ -5,14 +5,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.frames import pose
-from pipeline.posing.chances import Chances
+from pipeline.posing.aliases import Aliases
 from pipeline.posing.fix import Hypothesis
+from pipeline.posing.probabilities import Probabilities
 from pipeline.posing.registration import Alignment
-from pipeline.posing.slides import Slide
 from pipeline.posing.verification import Agreement
 
-OVERLAPS = Chances((10.0, *5 * (0.0,)), -5.0)
-"""Chances by overlap alone: a hypothesis of overlap .5 is as likely as that none is right."""
+OVERLAPS = Probabilities((10.0, *5 * (0.0,)), -5.0)
+"""Probabilities by overlap alone: a hypothesis of overlap .5 is as likely as that none is right."""
 
 
 def scene(seed: int = 0, houses: int = 12) -> NDArray[np.float64]:
@@ -51,11 +51,11 @@ def seen_from(
 
 
 def hypothesis(
-    x_m: float, overlap: float, spread_m: float = 0.01, yaw_deg: float = 0.0, lead: float = 0.2
+    x_m: float, overlap: float, spread_m: float = 0.01, yaw_deg: float = 0.0, margin: float = 0.2
 ) -> Hypothesis:
     """A hypothesis at (x, 0) with this overlap and spread; its walls agree fully with the map's."""
     alignment = Alignment(np.eye(4), overlap, spread_m**2 * np.eye(6))
     agreement = Agreement(overlap, 1.0, 1.0)
     return Hypothesis(
-        0, planar(x_m, 0, yaw_deg), alignment, agreement, agreement, 0.0, Slide(lead, ())
+        0, planar(x_m, 0, yaw_deg), alignment, agreement, agreement, 0.0, Aliases(margin, ())
     )

@@ -10,15 +10,15 @@ from pipeline.core.grid import Grid
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Ranking
 from pipeline.posing.answers import OWN_KINDS, PosedQuery, posed
-from pipeline.posing.fix import Fix
+from pipeline.posing.fix import ScanFix
 from pipeline.posing.verdict import Judge
 from tests.methods.test_sci_ring import KINDS as RING_KINDS
 from tests.posing.scene import OVERLAPS, hypothesis
 
 FIXES = [
-    Fix.of([hypothesis(25, 0.8, yaw_deg=90), hypothesis(45, 0.3)], OVERLAPS),
-    Fix(),
-    Fix.of([hypothesis(95, 0.5, yaw_deg=-45)], OVERLAPS),
+    ScanFix.of([hypothesis(25, 0.8, yaw_deg=90), hypothesis(45, 0.3)], OVERLAPS),
+    ScanFix(),
+    ScanFix.of([hypothesis(95, 0.5, yaw_deg=-45)], OVERLAPS),
 ]
 RANKING = Ranking(
     *(
@@ -33,20 +33,21 @@ PLACES = Places(Grid(10.0, (0.0, 100.0), (-5.0, 5.0)), np.arange(9))
 """Ten metres a place along x; there are nine."""
 
 
-DOUBTS = np.array([[0.1, 0.05, 0.01], [1.0, 1.0, 1.0], [0.4, 0.3, 0.4]])
-"""(query, belief) that the pose is right, that the query is near it, that one of several is right."""
+ERROR_PROBABILITIES = np.array([[0.1, 0.05, 0.01], [1.0, 1.0, 1.0], [0.4, 0.3, 0.4]])
+"""(query, claim) that the pose is right, that the query is near it, that one of several is
+right."""
 
 
 def queries() -> list[PosedQuery]:
-    """The fixes with these doubts."""
+    """The fixes with these error probabilities."""
     judge = Judge(OVERLAPS, OVERLAPS)
     return [
-        replace(PosedQuery.of(fix, judge), doubts=row)
-        for fix, row in zip(FIXES, DOUBTS, strict=True)
+        replace(PosedQuery.of(fix, judge), error_probabilities=row)
+        for fix, row in zip(FIXES, ERROR_PROBABILITIES, strict=True)
     ]
 
 
-def test_registered_places_lead_the_ranking() -> None:
+def test_registered_places_margin_the_ranking() -> None:
     result = posed(RANKING, queries(), PLACES)
     assert result.places.tolist() == [[2, 4, 1, 0], [1, 4, 2, 0], [-1, 1, 4, 2]]
     assert result.xy_m[0, :2] == pytest.approx(np.array([[25, 0], [45, 0]]))
@@ -57,8 +58,8 @@ def test_registered_places_lead_the_ranking() -> None:
     headings_deg = [[90, 0, 7, np.nan], [7, 8, 9, np.nan], [-45, 7, 8, 9]]
     assert result.heading_deg == pytest.approx(np.array(headings_deg), nan_ok=True)
     assert result.kinds == (*OWN_KINDS, "entropy")
-    assert result.novelty == pytest.approx(np.column_stack([DOUBTS, [0.2, 0.9, 0.4]]))
-    assert result.confidence == pytest.approx(1 - DOUBTS[:, 0])
+    assert result.novelty == pytest.approx(np.column_stack([ERROR_PROBABILITIES, [0.2, 0.9, 0.4]]))
+    assert result.confidence == pytest.approx(1 - ERROR_PROBABILITIES[:, 0])
 
 
 def test_a_place_that_is_named_twice_is_answered_once() -> None:

@@ -38,7 +38,7 @@ def moved_room(x_m: float) -> np.ndarray:
     return room(FAR) - np.array([x_m, 0, 0])
 
 
-def test_a_wall_that_is_gone_is_told_by_two_scans_and_not_by_one() -> None:
+def test_a_wall_that_is_gone_is_reported_by_two_scans_and_not_by_one() -> None:
     mapped = targets(room(NEAR))
     scans = [room(FAR), moved_room(1.0)]
     poses = np.array([planar(0, 0, 0), planar(1.0, 0, 0)])
@@ -47,7 +47,7 @@ def test_a_wall_that_is_gone_is_told_by_two_scans_and_not_by_one() -> None:
     assert contradicted(mapped, WALLS, scans[:1], poses[:1], 0.1) == {}
 
 
-def test_a_wall_that_was_built_is_told_too() -> None:
+def test_a_wall_that_was_built_is_reported_too() -> None:
     assert contradicted(
         targets(room(FAR)), WALLS, [room(NEAR)] * 2, np.array([planar(0, 0, 0)] * 2), 0.1
     ) == {0: 0}
@@ -68,5 +68,5 @@ def test_what_is_usual_is_learned_from_neighbours_in_the_map() -> None:
     assert usual_contradiction(targets(room(FAR), moved_room(2.0)), WALLS) == pytest.approx(
         0, abs=0.02
     )
-    # No neighbours: nothing can be told
+    # No neighbours: nothing can be reported
     assert usual_contradiction(targets(room(NEAR)), WALLS) == 1.0

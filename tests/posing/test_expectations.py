@@ -1,4 +1,4 @@
-"""Tests of the expectations: signs are judged by what right fixes around the same place had."""
+"""Tests of the expectations: features are judged by what right fixes around the same place had."""
 
 from dataclasses import replace
 
@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from pipeline.core.frames import pose
-from pipeline.posing.chances import SIGNS
-from pipeline.posing.expectations import POSITIONS, SIGN_ROWS, Expectations
-from pipeline.posing.fix import Fix, Hypothesis
-from pipeline.posing.held_out import with_expectations
-from pipeline.posing.verdict import Evidence
+from pipeline.posing.expectations import FEATURE_ROWS, POSITIONS, Expectations
+from pipeline.posing.fix import Hypothesis, ScanFix
+from pipeline.posing.probabilities import FEATURES
+from pipeline.posing.validation import with_expectations
+from pipeline.posing.verdict import FixEvidence
 from tests.posing.scene import hypothesis
 
 STREET = [hypothesis(x_m, 0.6) for x_m in (0.0, 5.0, 10.0)]
@@ -18,14 +18,14 @@ FIELD = [hypothesis(x_m, 0.2) for x_m in (200.0, 205.0, 210.0, 215.0, 220.0)]
 
 
 def overlap(candidate: Hypothesis) -> float:
-    return float(candidate.signs[SIGNS.index("overlap")])
+    return float(candidate.features[FEATURES.index("overlap")])
 
 
-def evidence(hypotheses: list[Hypothesis], unseen: list[bool]) -> Evidence:
+def evidence(hypotheses: list[Hypothesis], unseen: list[bool]) -> FixEvidence:
     """One fix of one hypothesis in each block, each at its true pose."""
     count = len(hypotheses)
-    return Evidence(
-        [Fix.of([candidate]) for candidate in hypotheses],
+    return FixEvidence(
+        [ScanFix.of([candidate]) for candidate in hypotheses],
         np.array([candidate.world_T_query for candidate in hypotheses]),
         np.array(unseen),
         np.arange(count),
@@ -37,19 +37,19 @@ def test_right_fixes_of_a_field_exceed_the_day_by_their_median() -> None:
     every = STREET + FIELD
     day = Expectations(
         np.array([candidate.world_T_query[:2, 3] for candidate in every]),
-        np.array([candidate.signs for candidate in every]),
+        np.array([candidate.features for candidate in every]),
     )
     assert day.excess(np.array([4.0, 3.0]))[0] == pytest.approx(0.4)
     assert day.excess(np.array([210.0, 0.0]))[0] == pytest.approx(0.0)
 
 
 def test_nothing_is_expected_where_fewer_than_three_right_fixes_lie() -> None:
-    day = Expectations(np.array([[0.0, 0.0], [1.0, 0.0]]), np.ones((2, len(SIGNS))))
+    day = Expectations(np.array([[0.0, 0.0], [1.0, 0.0]]), np.ones((2, len(FEATURES))))
     assert not day.excess(np.zeros(2)).any()
     assert not Expectations().excess(np.zeros(2)).any()
 
 
-def test_held_out_fixes_are_judged_by_the_right_ones_of_other_blocks() -> None:
+def test_validation_fixes_are_judged_by_the_right_ones_of_other_blocks() -> None:
     # On the field a right fix of another block had .2. The day without the fix itself: .6 thrice,
     # .2 four times, so .2 is usual, and .2 counts as it is.
     judged = with_expectations(evidence(STREET + FIELD, 8 * [False]))
@@ -69,8 +69,8 @@ def test_a_fix_in_a_place_of_more_overlap_counts_for_less() -> None:
 def test_wrong_fixes_and_places_never_seen_teach_nothing() -> None:
     asked = evidence(STREET, [False, True, False])
     moved = pose(np.array([[50.0, 0.0, 0.0]]), np.zeros((1, 3)))[0] @ asked.world_T_true[2]
-    truth = np.array([*asked.world_T_true[:2], moved])
-    judged = with_expectations(replace(asked, world_T_true=truth))
+    ground_truth = np.array([*asked.world_T_true[:2], moved])
+    judged = with_expectations(replace(asked, world_T_true=ground_truth))
     assert judged.expectations.xy_m.tolist() == [[0.0, 0.0]]
 
 
@@ -80,22 +80,22 @@ def test_a_day_without_a_right_fix_stays_as_it_is() -> None:
 
 
 def test_a_site_file_keeps_them() -> None:
-    day = Expectations(np.ones((4, 2)), np.ones((4, len(SIGNS))))
+    day = Expectations(np.ones((4, 2)), np.ones((4, len(FEATURES))))
     kept = Expectations.of_arrays(day.arrays)
     assert (kept.xy_m == day.xy_m).all()
-    assert (kept.signs == day.signs).all()
+    assert (kept.features == day.features).all()
 
 
 @pytest.mark.parametrize(
     "changed",
     [
-        {SIGN_ROWS: np.ones((4, len(SIGNS) - 1))},
-        {SIGN_ROWS: np.ones((3, len(SIGNS)))},
+        {FEATURE_ROWS: np.ones((4, len(FEATURES) - 1))},
+        {FEATURE_ROWS: np.ones((3, len(FEATURES)))},
         {POSITIONS: np.full((4, 2), np.nan)},
     ],
-    ids=["a sign too few", "a fix too few", "no number"],
+    ids=["a feature too few", "a fix too few", "no number"],
 )
 def test_a_site_whose_expectations_do_not_fit_is_refused(changed: dict[str, np.ndarray]) -> None:
-    day = Expectations(np.ones((4, 2)), np.ones((4, len(SIGNS))))
+    day = Expectations(np.ones((4, 2)), np.ones((4, len(FEATURES))))
     with pytest.raises(ValueError, match="expected_"):
         Expectations.of_arrays(day.arrays | changed)

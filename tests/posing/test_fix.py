@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.core.frames import distance_and_turn
-from pipeline.posing.fix import Fix, signs
+from pipeline.posing.fix import ScanFix, features
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
 from tests.artifacts import write_map
@@ -32,7 +32,7 @@ def targets(tmp_path_factory: pytest.TempPathFactory) -> Targets:
 
 
 def test_an_empty_map_gives_no_pose(tmp_path: Path) -> None:
-    assert Fixer().fix(scene(), written(tmp_path / "none.zarr", range(0)), PLACES) == Fix()
+    assert Fixer().fix(scene(), written(tmp_path / "none.zarr", range(0)), PLACES) == ScanFix()
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_the_pose_is_found_among_candidates(
     assert best.here.structure > 0.8
     assert best.here.seen_again > 0.8
     assert best.beside == best.here  # there is no other submap near
-    assert result.chance > 0.9
+    assert result.probability > 0.9
 
 
 def test_a_place_that_the_map_does_not_have_overlaps_little(targets: Targets) -> None:
@@ -64,18 +64,18 @@ def test_a_place_that_the_map_does_not_have_overlaps_little(targets: Targets) ->
     )
     assert elsewhere.overlap < 0.6 * here.overlap
     assert elsewhere.hypotheses[0].alignment.spread_m > 2 * here.hypotheses[0].alignment.spread_m
-    assert elsewhere.chance < 0.5 < 0.99 < here.chance
+    assert elsewhere.probability < 0.5 < 0.99 < here.probability
 
 
 def test_approaches_of_little_overlap_are_refined_only_beside_a_likely_hypothesis(
     targets: Targets,
 ) -> None:
-    """A query from elsewhere has no approach that is refined. For one from the map, the search, which
-    is never sure here, refines the right place, and then the other two to compare it with."""
+    """A query from elsewhere has no approach that is refined. For one from the map, the search,
+    which is never sure here, refines the right place, and then the other two to compare it with."""
     there, elsewhere = (seen_from(scene(seed), planar(1, 1, 20)) for seed in (0, 7))
     fixer = Fixer(least_overlap=0.7, sure=1.0)
     assert len(Fixer().fix(elsewhere, targets, PLACES).hypotheses) > 0
-    assert fixer.fix(elsewhere, targets, PLACES) == Fix()
+    assert fixer.fix(elsewhere, targets, PLACES) == ScanFix()
     result = fixer.fix(there, targets, PLACES)
     assert result.hypotheses[0].approach_overlap > 0.7
     assert min(other.approach_overlap for other in result.hypotheses[1:]) < 0.7
@@ -95,7 +95,7 @@ def test_too_little_to_tell_is_no_pose(targets: Targets, points_m: np.ndarray) -
     result = Fixer().fix(points_m, targets, PLACES)
     assert result.hypotheses == ()
     assert np.isinf(result.covariance).all()
-    assert result.chance == 0
+    assert result.probability == 0
 
 
 def test_without_answers_the_whole_map_is_searched(targets: Targets) -> None:
@@ -109,7 +109,7 @@ def test_without_answers_the_whole_map_is_searched(targets: Targets) -> None:
 def test_what_is_left_out_is_not_there(targets: Targets) -> None:
     result = Fixer().fix(scene(1), targets, PLACES, left_out=np.array([False, True, False]))
     assert {one.row for one in result.hypotheses} <= {0, 2}
-    assert Fixer().fix(scene(1), targets, PLACES, left_out=np.ones(3, bool)) == Fix()
+    assert Fixer().fix(scene(1), targets, PLACES, left_out=np.ones(3, bool)) == ScanFix()
 
 
 def test_millimetres_are_not_accepted(targets: Targets) -> None:
@@ -117,7 +117,7 @@ def test_millimetres_are_not_accepted(targets: Targets) -> None:
 
 
 def test_the_likeliest_leads_whatever_its_spread_and_others_stand_elsewhere() -> None:
-    result = Fix.of(
+    result = ScanFix.of(
         [
             hypothesis(0, 0.4, 0.001),
             hypothesis(7, 0.9, 0.03),
@@ -129,23 +129,23 @@ def test_the_likeliest_leads_whatever_its_spread_and_others_stand_elsewhere() ->
     assert [one.here.overlap for one in result.hypotheses] == [0.9, 0.5, 0.4, 0.3]
     assert result.elsewhere == [2, 3]  # 9 m is within 5 m of 7 m
     odds = np.exp([4.0, 0.0, -1.0, -2.0])
-    assert result.chances == pytest.approx(odds / (1 + odds.sum()))
+    assert result.probabilities == pytest.approx(odds / (1 + odds.sum()))
 
 
-def test_hypotheses_of_one_pose_are_one_and_share_no_chance() -> None:
+def test_hypotheses_of_one_pose_are_one_and_share_no_probability() -> None:
     one = hypothesis(0, 0.5)
     again = hypothesis(1.5, 0.4)
     turned = hypothesis(0, 0.4, yaw_deg=6)
-    result = Fix.of([again, turned, one], OVERLAPS)
+    result = ScanFix.of([again, turned, one], OVERLAPS)
     assert result.hypotheses == (one, turned)
-    assert result.chance == pytest.approx(1 / (1 + 1 + np.exp(-1)))
+    assert result.probability == pytest.approx(1 / (1 + 1 + np.exp(-1)))
 
 
-def test_a_look_alike_takes_from_the_chance() -> None:
-    alone = Fix.of([hypothesis(0, 0.9)], OVERLAPS)
-    beside = Fix.of([hypothesis(0, 0.9), hypothesis(20, 0.9)], OVERLAPS)
-    assert alone.chance == pytest.approx(np.exp(4) / (1 + np.exp(4)))
-    assert beside.chance == pytest.approx(np.exp(4) / (1 + 2 * np.exp(4)))
+def test_a_look_alike_takes_from_the_probability() -> None:
+    alone = ScanFix.of([hypothesis(0, 0.9)], OVERLAPS)
+    beside = ScanFix.of([hypothesis(0, 0.9), hypothesis(20, 0.9)], OVERLAPS)
+    assert alone.probability == pytest.approx(np.exp(4) / (1 + np.exp(4)))
+    assert beside.probability == pytest.approx(np.exp(4) / (1 + 2 * np.exp(4)))
 
 
 def test_a_sure_hypothesis_ends_the_search(targets: Targets) -> None:
@@ -188,5 +188,5 @@ def test_settings_and_a_missing_map_are_refused(tmp_path: Path) -> None:
 def test_a_hypothesis_is_ahead_of_the_best_other_one_and_alone_of_none() -> None:
     """Qualities are the overlaps here: .9, .5 and .4."""
     three = [hypothesis(0, 0.5), hypothesis(20, 0.9), hypothesis(40, 0.4)]
-    assert signs(three)[:, -1] == pytest.approx([-0.4, 0.4, -0.5])
-    assert signs(three[:1])[:, -1].tolist() == [0.0]
+    assert features(three)[:, -1] == pytest.approx([-0.4, 0.4, -0.5])
+    assert features(three[:1])[:, -1].tolist() == [0.0]

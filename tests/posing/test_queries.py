@@ -1,5 +1,5 @@
 """Tests of the queries of a test sequence: the candidates that rankings name, and the points of
-altered cases."""
+perturbed cases."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.alterations import Case, generator
-from pipeline.alterations.turned import Turned
 from pipeline.core import schemas, store
 from pipeline.core.errors import InputError
 from pipeline.core.frames import distance_and_turn, turns
+from pipeline.perturbations import Case, generator
+from pipeline.perturbations.turned import Turned
 from pipeline.posing.queries import Queries
 from pipeline.posing.search import Fixer
 from pipeline.posing.targets import write_map
@@ -39,7 +39,7 @@ def drive(
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A map of one submap, two queries beside it, and their ranking as driven and turned, which
+    """A map of one submap, two queries beside it, and their ranking unperturbed and turned, which
     names the right place."""
     write_map(tmp_path / "map.zarr", *drive(tmp_path, "train", np.eye(4)[None]), 0.5, 80.0, 50.0)
     drive(tmp_path, "test", TRUE)
@@ -47,9 +47,9 @@ def folder(tmp_path: Path) -> Path:
         "kinds": ("entropy",),
         "thresholds": (0.5,),
         "cases": [asdict(case) for case in CASES],
-        "wanted_precision": 0.9,
+        "target_precision": 0.9,
     }
-    given |= {"kept_precision": (0.9,)}
+    given |= {"validation_precision": (0.9,)}
     with store.draft(tmp_path / "rankings" / "test.zarr", schemas.Rankings, **given) as out:
         for column, kind in schemas.Rankings.columns.items():
             shape = {"rank": 1, "xy": 2, "kind": 1}
@@ -57,16 +57,16 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def queries(folder: Path, *alterations: Turned) -> Queries:
+def queries(folder: Path, *perturbations: Turned) -> Queries:
     places = (str(folder / kind) for kind in ("scans", "submaps"))
-    return Queries("test", *places, (str(folder / "rankings"),), alterations)
+    return Queries("test", *places, (str(folder / "rankings"),), perturbations)
 
 
 def test_each_case_has_the_pose_of_the_robot_as_it_stood(folder: Path) -> None:
     turned = Turned(repeats=1)
     fixes = queries(folder, turned).fixes(Fixer(rounds=(1,)), folder / "map.zarr", 1)
     left_rad = [
-        turned.alter(CASES[1], np.zeros((1, 3)), generator(turned, stamp))[1]
+        turned.perturb(CASES[1], np.zeros((1, 3)), generator(turned, stamp))[1]
         for stamp in STAMPS_NS.tolist()
     ]
     away_m, turn_deg = distance_and_turn(
@@ -77,10 +77,10 @@ def test_each_case_has_the_pose_of_the_robot_as_it_stood(folder: Path) -> None:
     assert turn_deg.max() < 0.5
 
 
-def test_a_case_that_no_alteration_makes_is_one_line(folder: Path) -> None:
+def test_a_case_that_no_perturbation_makes_is_one_line(folder: Path) -> None:
     with one_line(
         InputError,
-        r"rankings: a ranking of Case\(change='turned'.* which no alteration given here makes",
+        r"rankings: a ranking of Case\(change='turned'.* which no perturbation given here makes",
     ):
         queries(folder).fixes(Fixer(rounds=(1,)), folder / "map.zarr", 1)
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.core.frames import distance_and_turn, yaw
 from pipeline.formats import pcd
-from pipeline.posing.fix import Fix
+from pipeline.posing.fix import ScanFix
 from pipeline.posing.registration import Registration
 from pipeline.posing.search import Fixer
 from pipeline.posing.targets import Targets
@@ -55,7 +55,7 @@ def targets(frames: KeyFrames, tmp_path_factory: pytest.TempPathFactory) -> Targ
     return Targets.read(path)
 
 
-def fixes(frames: KeyFrames, targets: Targets, rows: range) -> list[Fix]:
+def fixes(frames: KeyFrames, targets: Targets, rows: range) -> list[ScanFix]:
     """The fixes of key frames without any ranking, so that the whole map is searched."""
     return [Fixer().fix(frames.points_m(row), targets) for row in rows]
 
@@ -71,14 +71,14 @@ def test_a_real_street_is_known_when_it_is_driven_back_and_another_is_not(
     )
     right = (away_m < 2) & (turn_deg < 5)
     assert right.mean() > 0.9  # measured 14 of 14
-    assert np.median(away_m) < 0.5  # the truth is another project's, good to some .2 m
-    chances = np.array([fix.chance for fix in fixes(frames, targets, elsewhere)])
-    assert chances.max() < np.percentile([fix.chance for fix in there], 10)
+    assert np.median(away_m) < 0.5  # the ground truth is another project's, good to some .2 m
+    probabilities = np.array([fix.probability for fix in fixes(frames, targets, elsewhere)])
+    assert probabilities.max() < np.percentile([fix.probability for fix in there], 10)
 
 
 def test_a_real_reverse_loop_of_kitti_ends_in_one_pose_from_every_start(real: Path) -> None:
-    """08/720 and 1500, by their poses 3.6 m apart and turned by 148.5°; these are no truth to a
-    metre, so starts are compared."""
+    """08/720 and 1500, by their poses 3.6 m apart and turned by 148.5°; these are no ground truth
+    to a metre, so starts are compared."""
     lift_m = np.array([0.0, 0.0, 1.73])
     target_m, query_m = (
         read_velodyne(real / f"kitti/pairs/08/00{name}.bin") + lift_m for name in ("0720", "1500")

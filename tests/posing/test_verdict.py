@@ -1,58 +1,58 @@
-"""Tests of verdicts: the doubts in a fix, and the limits that keep a promise, from small evidence
-worked out by hand."""
+"""Tests of verdicts: the error probabilities in a fix, and the limits that keep a target precision,
+from small evidence worked out by hand."""
 
 import numpy as np
 import pytest
 
 from pipeline.matching.rejection import ACCEPT_NOTHING
-from pipeline.posing.fix import Fix
-from pipeline.posing.verdict import BELIEFS, OF_SCANS, PROMISES, Evidence, Judge, middle
+from pipeline.posing.fix import ScanFix
+from pipeline.posing.verdict import CLAIMS, OF_SCANS, TARGET_PRECISIONS, FixEvidence, Judge, middle
 from tests.posing.scene import OVERLAPS, hypothesis, planar
 
 
-def test_doubts_in_the_pose_in_its_place_and_in_the_poses_that_are_named() -> None:
+def test_error_probabilities_in_the_pose_in_its_place_and_in_the_poses_that_are_named() -> None:
     """Odds of e², 1, e⁻¹ and e⁻² against 1, at 0, 3, 40 and 80 m: the first two are near, the
     second is no runner-up."""
-    fix = Fix.of(
+    fix = ScanFix.of(
         [hypothesis(x_m, overlap) for x_m, overlap in ((0, 0.7), (3, 0.5), (40, 0.4), (80, 0.3))],
         OVERLAPS,
     )
     odds = np.exp([2.0, 0.0, -1.0, -2.0])
     shares = odds / (1 + odds.sum())
-    doubts = Judge(OVERLAPS, OVERLAPS).doubts(fix)
-    assert doubts == pytest.approx(
+    error_probabilities = Judge(OVERLAPS, OVERLAPS).error_probabilities(fix)
+    assert error_probabilities == pytest.approx(
         1 - np.array([shares[0], shares[:2].sum(), shares[[0, 2, 3]].sum()])
     )
-    assert Judge(OVERLAPS, OVERLAPS).doubts(Fix()).tolist() == [1, 1, 1]
+    assert Judge(OVERLAPS, OVERLAPS).error_probabilities(ScanFix()).tolist() == [1, 1, 1]
 
 
-def evidence(blocks: int, wrong: int = 0, seed: int = 0) -> Evidence[Fix]:
+def evidence(blocks: int, wrong: int = 0, seed: int = 0) -> FixEvidence[ScanFix]:
     """A right fix of much overlap in each block, and one of little without its surroundings; the
     first few of these overlap."""
     rng = np.random.default_rng(seed)
     fixes = []
     true = []
     for block in range(blocks):
-        fixes.append(Fix.of([hypothesis(0, rng.uniform(0.6, 0.8))]))
+        fixes.append(ScanFix.of([hypothesis(0, rng.uniform(0.6, 0.8))]))
         fixes.append(
-            Fix.of(
+            ScanFix.of(
                 [hypothesis(0, rng.uniform(0.6, 0.8) if block < wrong else rng.uniform(0.2, 0.3))]
             )
         )
         true += [planar(0, 0, 0), planar(300, 0, 0)]
-    return Evidence(
+    return FixEvidence(
         fixes, np.array(true), np.tile([False, True], blocks), np.arange(blocks).repeat(2)
     )
 
 
-def test_right_and_near_are_told_apart() -> None:
-    fixes = [Fix.of([hypothesis(x_m, 0.7)]) for x_m in (1.9, 2.1, 14.0, 16.0)]
-    fixes.append(Fix.of([hypothesis(50, 0.7), hypothesis(0, 0.6)]))
-    known_evidence = Evidence(
-        [*fixes, Fix()], np.tile(np.eye(4), (6, 1, 1)), np.zeros(6, bool), np.arange(6)
+def test_right_and_near_are_reported_apart() -> None:
+    fixes = [ScanFix.of([hypothesis(x_m, 0.7)]) for x_m in (1.9, 2.1, 14.0, 16.0)]
+    fixes.append(ScanFix.of([hypothesis(50, 0.7), hypothesis(0, 0.6)]))
+    known_evidence = FixEvidence(
+        [*fixes, ScanFix()], np.tile(np.eye(4), (6, 1, 1)), np.zeros(6, bool), np.arange(6)
     )
-    _, truths = known_evidence.judged(Judge(OVERLAPS, OVERLAPS))
-    assert truths.tolist() == [
+    _, ground_truths = known_evidence.judged(Judge(OVERLAPS, OVERLAPS))
+    assert ground_truths.tolist() == [
         [True, True, True],
         [False, True, False],
         [False, True, False],
@@ -63,41 +63,47 @@ def test_right_and_near_are_told_apart() -> None:
     assert OF_SCANS.right(np.full((1, 4, 4), np.nan), np.eye(4)[None]).tolist() == [False]
 
 
-def test_a_promise_takes_as_many_blocks_and_is_kept_if_one_more_were_wrong() -> None:
+def test_a_target_precision_takes_as_many_blocks_and_is_kept_if_one_more_were_wrong() -> None:
     """Of 200 blocks .8 are seen: 160 accepted ones keep .99 (159 of 160 would), not .999; of 100
     blocks 80 keep .95 alone."""
     many, few = (evidence(blocks).verdict(0.2) for blocks in (200, 100))
     assert many.kept == (0.95, 0.99)
     assert few.kept == (0.95,)
-    assert few.promised["fix"][1] == ACCEPT_NOTHING
-    assert few.limits == {0.95: tuple(few.promised[belief][0] for belief in BELIEFS)}
+    assert few.claim_thresholds["fix"][1] == ACCEPT_NOTHING
+    assert few.thresholds == {0.95: tuple(few.claim_thresholds[claim][0] for claim in CLAIMS)}
 
 
-def test_wrong_ones_among_the_right_break_a_promise() -> None:
+def test_wrong_ones_among_the_right_break_a_target_precision() -> None:
     """20 of 200 unseen blocks look right and count .2 each: 4 of 164 wrong keeps .95, not .99."""
     assert evidence(200, wrong=20).verdict(0.2).kept == (0.95,)
 
 
-def test_no_fix_is_accepted_whose_own_doubt_is_far_over_what_a_promise_allows() -> None:
-    """All are right, those of little overlap too, and no limit breaks a promise: .05 allows a doubt
-    of a half, .01 a tenth."""
-    fixes = [Fix.of([hypothesis(0, overlap)], OVERLAPS) for overlap in np.linspace(0.3, 0.9, 2000)]
-    sure = Evidence(fixes, np.tile(np.eye(4), (2000, 1, 1)), np.zeros(2000, bool), np.arange(2000))
-    limits = sure.limits(Judge(OVERLAPS, OVERLAPS), 0.2)
-    assert limits["fix"] == pytest.approx([0.5, 0.1, 0.01])
+def test_no_fix_is_accepted_whose_own_error_probability_is_far_over_what_a_target_precision_allows() -> (
+    None
+):
+    """All are right, those of little overlap too, and no limit breaks a target precision: .05
+    allows an error probability of a half, .01 a tenth."""
+    fixes = [
+        ScanFix.of([hypothesis(0, overlap)], OVERLAPS) for overlap in np.linspace(0.3, 0.9, 2000)
+    ]
+    sure = FixEvidence(
+        fixes, np.tile(np.eye(4), (2000, 1, 1)), np.zeros(2000, bool), np.arange(2000)
+    )
+    thresholds = sure.thresholds(Judge(OVERLAPS, OVERLAPS), 0.2)
+    assert thresholds["fix"] == pytest.approx([0.5, 0.1, 0.01])
 
 
-def test_a_limit_stands_in_the_middle_of_a_gap() -> None:
+def test_a_threshold_stands_in_the_middle_of_a_gap() -> None:
     """Odds of 1/9 and 9: in the middle 1."""
     assert middle(np.array([0.05, 0.1, 0.9]), 0.11) == pytest.approx(0.5)
     assert middle(np.array([0.05, 0.1]), 0.11) == 0.11  # beyond all there is no gap
     assert middle(np.array([0.5]), ACCEPT_NOTHING) == ACCEPT_NOTHING
 
 
-def test_without_evidence_nothing_is_promised() -> None:
-    none: Evidence[Fix] = Evidence.joined([])
-    assert none.verdict(0.2).promised["fix"] == (ACCEPT_NOTHING,) * len(PROMISES)
+def test_without_evidence_nothing_is_pose_thresholds() -> None:
+    none: FixEvidence[ScanFix] = FixEvidence.joined([])
+    assert none.verdict(0.2).claim_thresholds["fix"] == (ACCEPT_NOTHING,) * len(TARGET_PRECISIONS)
 
 
 def test_joined_evidence_numbers_blocks_on() -> None:
-    assert Evidence.joined([evidence(2), evidence(1)]).block.tolist() == [0, 0, 1, 1, 2, 2]
+    assert FixEvidence.joined([evidence(2), evidence(1)]).block.tolist() == [0, 0, 1, 1, 2, 2]

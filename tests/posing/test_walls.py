@@ -83,7 +83,7 @@ def test_branch_and_bound_finds_what_an_exhaustive_search_finds(seed: int) -> No
     assert walls.match(chart, turned).score == sums.max() / (WALL * turned.shape[1])
 
 
-def test_cells_beyond_the_range_are_told_apart_too() -> None:
+def test_cells_beyond_the_range_are_reported_apart_too() -> None:
     """Changed places are looked for among walls of another scan, which may lie anywhere."""
     rng = np.random.default_rng(0)
     walls_m = rng.uniform(-300, 300, (2000, 3))

@@ -41,13 +41,14 @@ def drive(path: Path, kind: str, clouds: int = 4, first: int = 0) -> Path:
 def fill(bag: BagWriter, clouds: int = 4, first: int = 0) -> None:
     """Write a drive along x at 10 m/s, with the clouds numbered from `first`.
 
-    There are ten poses a second on /truth, from 0 m, and on /odom, from 100 m, and a cloud 50 ms
-    after each but the last. Cloud i holds the points (i, 0, 0) and (1, 2, 3) in the LiDAR's frame.
+    There are ten poses a second on /ground_truth, from 0 m, and on /odom, from 100 m, and a cloud
+    50 ms after each but the last. Cloud i holds the points (i, 0, 0) and (1, 2, 3) in the LiDAR's
+    frame.
     """
     bag.static_transform(START_NS, "base_link", "lidar", BODY_T_LIDAR)
     for i in range(first, first + clouds + 1):
         stamp_ns = START_NS + i * STEP_NS
-        bag.odometry(stamp_ns, "map", "base_link", at(i), "/truth")
+        bag.odometry(stamp_ns, "map", "base_link", at(i), "/ground_truth")
         bag.odometry(stamp_ns, "odom", "base_link", at(100 + i), "/odom")
         if i < first + clouds:
             cloud(bag, stamp_ns + STEP_NS // 2, "lidar", [[i, 0, 0], [1, 2, 3]])

@@ -130,9 +130,9 @@ def opened(reader: Reader, root: Path, sequence: str) -> Log | None:
         assert_line(error, root)
         return None
     assert (np.diff(log.stamps_ns) > 0).all()
-    has_truth = assert_poses(log.world_T_scan, len(log.stamps_ns))
+    has_ground_truth = assert_poses(log.world_T_scan, len(log.stamps_ns))
     has_odometry = assert_poses(log.odom_T_scan, len(log.stamps_ns))
-    assert (has_truth | has_odometry).all()
+    assert (has_ground_truth | has_odometry).all()
     assert all(count > 0 for count in log.skipped.values())
     for row in range(len(log.stamps_ns)):
         try:

@@ -40,7 +40,9 @@ def nclt_row(index: int, *pose: object) -> str:
 
 def nclt_log(
     root: Path,
-    truth: str | None = "".join(f"{START + 100_000 * i}, {i}, 0, 0, 0, 0, 0\n" for i in range(11)),
+    ground_truth: str | None = "".join(
+        f"{START + 100_000 * i}, {i}, 0, 0, 0, 0, 0\n" for i in range(11)
+    ),
     scans: dict[str, bytes] | None = None,
     odometry: str | None = None,
 ) -> Path:
@@ -54,8 +56,8 @@ def nclt_log(
         scans = {str(START + 150_000): sync_bytes((20_200, 20_400, 19_600))}
     for stem, data in scans.items():
         (folder / f"{stem}.bin").write_bytes(data)
-    if truth is not None:
-        (root / DATE / f"groundtruth_{DATE}.csv").write_text(truth)
+    if ground_truth is not None:
+        (root / DATE / f"groundtruth_{DATE}.csv").write_text(ground_truth)
     if odometry is not None:
         (root / DATE / "odometry_mu_100hz.csv").write_text(odometry)
     return root

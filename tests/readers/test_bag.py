@@ -1,4 +1,4 @@
-"""Tests the bag reader on bags written by BagWriter, on bags laid out by hand, and on real ones."""
+"""Tests the bag reader on bags written by BagWriter, on bags placed by hand, and on real ones."""
 
 import sqlite3
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from rosbags import rosbag1, rosbag2
 
 from pipeline.core.compute import Compute
 from pipeline.core.errors import LogError
-from pipeline.core.frames import moved, yaw
+from pipeline.core.frames import transformed, yaw
 from pipeline.formats.bag import BagWriter
 from pipeline.formats.bag_file import BagFile
 from pipeline.readers.bag import Bag
@@ -22,10 +22,10 @@ from tests.readers import by_hand
 from tests.readers.bags import BODY_T_LIDAR, KINDS, START_NS, STEP_NS, at, bag_path, cloud, drive
 from tests.readers.damage import one_line
 
-READER = Bag(truth="/truth", odometry="/odom")
+READER = Bag(ground_truth="/ground_truth", odometry="/odom")
 HERE = (0, 0, 0, 0, 0, 0)
 """Extrinsics of a LiDAR in the origin of the body."""
-BY_HAND = Bag(points="/cloud", truth="/pose", body_T_lidar=HERE, max_gap_s=3)
+BY_HAND = Bag(points="/cloud", ground_truth="/pose", body_T_lidar=HERE, max_gap_s=3)
 """Reads the bags of `by_hand`."""
 OLD_TF_MD5 = "94810edda583a504dfda3829e70d7eec"
 POINT = [[0, 0, 0]]
@@ -135,7 +135,10 @@ def test_bags_of_all_kinds_make_one_sequence_in_order_of_time(tmp_path: Path) ->
     log = READER.open(tmp_path, "day")
     np.testing.assert_allclose(log.world_T_scan[:, 0, 3], np.arange(12) + 0.5, atol=1e-6)
     np.testing.assert_allclose(log.points(7)[0], [0.5, 7, 1.5], atol=1e-6)
-    assert "/truth: 2 of 15 poses are left out, their stamps repeat or run backwards" in log.notes
+    assert (
+        "/ground_truth: 2 of 15 poses are left out, their stamps repeat or run backwards"
+        in log.notes
+    )
     assert READER.sequences(tmp_path) == {"day": []}
 
 
@@ -153,10 +156,10 @@ def test_reading_from_other_processes_and_threads_is_the_same(tmp_path: Path) ->
 
 
 def written(root: Path, write: Callable[[BagWriter], None], poses: int = 5) -> Path:
-    """A bag with poses every 100 ms on /truth, 1 m apart, and whatever `write` adds."""
+    """A bag with poses every 100 ms on /ground_truth, 1 m apart, and whatever `write` adds."""
     with BagWriter(root / "drive.bag", "ros1") as bag:
         for i in range(poses):
-            bag.odometry(START_NS + i * STEP_NS, "map", "base_link", at(i), "/truth")
+            bag.odometry(START_NS + i * STEP_NS, "map", "base_link", at(i), "/ground_truth")
         write(bag)
     return root
 
@@ -166,7 +169,9 @@ def test_clouds_are_put_in_order_and_repeated_stamps_counted(tmp_path: Path) -> 
         for x, step in ((1, 2), (2, 1), (3, 2), (4, 3)):
             cloud(bag, START_NS + step * STEP_NS, "lidar", [[x, 0, 0]])
 
-    log = Bag(truth="/truth", body_T_lidar=HERE).open(written(tmp_path, write), "drive")
+    log = Bag(ground_truth="/ground_truth", body_T_lidar=HERE).open(
+        written(tmp_path, write), "drive"
+    )
     assert [log.points(row)[0, 0] for row in range(3)] == [2, 1, 4]
     assert log.skipped == {"stamp of an earlier one": 1}
 
@@ -200,15 +205,17 @@ def test_messages_without_stamps_are_placed_by_their_receipt(tmp_path: Path) -> 
 
 def test_clouds_in_gaps_and_invalid_poses_are_counted(tmp_path: Path) -> None:
     def write(bag: BagWriter) -> None:
-        bag.odometry(START_NS + 10 * STEP_NS, "map", "base_link", at(np.nan), "/truth")
-        bag.odometry(START_NS + 11 * STEP_NS, "map", "base_link", at(11), "/truth")
+        bag.odometry(START_NS + 10 * STEP_NS, "map", "base_link", at(np.nan), "/ground_truth")
+        bag.odometry(START_NS + 11 * STEP_NS, "map", "base_link", at(11), "/ground_truth")
         for step in (-1, 1, 6, 11, 12):
             cloud(bag, START_NS + step * STEP_NS, "lidar", POINT)
 
-    log = Bag(truth="/truth", body_T_lidar=HERE).open(written(tmp_path, write), "drive")
+    log = Bag(ground_truth="/ground_truth", body_T_lidar=HERE).open(
+        written(tmp_path, write), "drive"
+    )
     np.testing.assert_allclose(log.world_T_scan[:, 0, 3], [1, 11])
     assert log.skipped == {"outside the poses' span": 2, "in a gap of the poses": 1}
-    assert log.notes == ("/truth: 1 of 7 poses hold no place or no rotation: gaps",)
+    assert log.notes == ("/ground_truth: 1 of 7 poses hold no place or no rotation: gaps",)
 
 
 def test_a_chain_of_transforms_gives_a_trajectory(tmp_path: Path) -> None:
@@ -227,16 +234,16 @@ def test_a_chain_of_transforms_gives_a_trajectory(tmp_path: Path) -> None:
                 bag.transform(START_NS + i * STEP_NS, "map", "odom", side)
         cloud(bag, START_NS + STEP_NS, "lidar", POINT)
 
-    reader = Bag(truth="tf:map>base_link", odometry="tf:odom>base_link")
+    reader = Bag(ground_truth="tf:map>base_link", odometry="tf:odom>base_link")
     log = reader.open(written(tmp_path, write), "drive")
     np.testing.assert_allclose(log.world_T_scan[0, :3, 3], [1, 0.25, -1], atol=1e-12)
     np.testing.assert_allclose(log.odom_T_scan[0, :3, 3], [1, 0, -1], atol=1e-12)
     np.testing.assert_allclose(log.points(0), [[0, 0, 1]])
     there = "imu>base_link, imu>lidar"
     with one_line(LogError, f"lead from world to base_link; those that it holds: {there}"):
-        Bag(truth="tf:world>base_link").open(tmp_path, "drive")
+        Bag(ground_truth="tf:world>base_link").open(tmp_path, "drive")
     with pytest.raises(LogError, match="tf:imu>lidar never changes"):
-        Bag(truth="tf:imu>lidar").open(tmp_path, "drive")
+        Bag(ground_truth="tf:imu>lidar").open(tmp_path, "drive")
 
 
 def test_transforms_of_old_bags_have_another_name(tmp_path: Path) -> None:
@@ -254,7 +261,7 @@ def test_transforms_of_old_bags_have_another_name(tmp_path: Path) -> None:
                 connection.topic, kind, msgdef=connection.msgdef.data, md5sum=md5
             )
             old.write(link, stamp_ns, data)
-    log = Bag(truth="tf:odom>lidar").open(tmp_path, "drive")
+    log = Bag(ground_truth="tf:odom>lidar").open(tmp_path, "drive")
     np.testing.assert_allclose(log.world_T_scan[:, 0, 3], [1])
 
 
@@ -277,29 +284,30 @@ def test_sweeps_are_laid_out_in_the_vehicle(tmp_path: Path) -> None:
         ranges = np.array([0.05, 2.0, 3.0, 31.0, np.inf])
         bag.laser_scan(START_NS + STEP_NS, "laser", ranges, np.pi / 2, -np.pi / 4, 0.1, 30.0)
 
-    reader = Bag(points="/scan", truth="/truth", body_T_lidar=[1, 0, 0.5, 0, 0, 90])
+    reader = Bag(points="/scan", ground_truth="/ground_truth", body_T_lidar=[1, 0, 0.5, 0, 0, 90])
     log = reader.open(written(tmp_path, write), "drive")
     # 45° on the scanner is 135° on the vehicle, 0° is 90°.
     np.testing.assert_allclose(log.points(0), [[1 - 2**0.5, 2**0.5, 0.5], [1, 3, 0.5]], atol=1e-6)
 
 
 def test_sweeps_without_a_place_are_kept_for_their_odometry_until_it_breaks(tmp_path: Path) -> None:
-    # Truth at 0 … 0.4 s and 3 … 3.2 s, odometry at 0 … 1 s and 2 … 3.2 s, a sweep each 0.1 s.
+    # Ground truth at 0 … 0.4 s and 3 … 3.2 s, odometry at 0 … 1 s and 2 … 3.2 s, a sweep each 0.1
+    # s.
     def write(bag: BagWriter) -> None:
         for step in [*range(11), *range(20, 33)]:
             bag.odometry(START_NS + step * STEP_NS, "odom", "base_link", at(step), "/odom")
         for step in (30, 31, 32):
-            bag.odometry(START_NS + step * STEP_NS, "map", "base_link", at(step), "/truth")
+            bag.odometry(START_NS + step * STEP_NS, "map", "base_link", at(step), "/ground_truth")
         for step in range(34):
             bag.laser_scan(START_NS + step * STEP_NS, "laser", np.ones(3), 0, 0.1, 0.1, 30)
 
-    log = Bag("/scan", "/truth", "/odom", HERE).open(written(tmp_path, write), "drive")
+    log = Bag("/scan", "/ground_truth", "/odom", HERE).open(written(tmp_path, write), "drive")
     steps = (log.stamps_ns - START_NS) // STEP_NS
     assert steps.tolist() == [*range(11), 30, 31, 32]
     assert np.isnan(log.world_T_scan[:, 0, 0]).tolist() == [False] * 5 + [True] * 6 + [False] * 3
     # The first row after the break says so, by a NaN.
     assert np.isnan(log.odom_T_scan[:, 0, 0]).tolist() == [False] * 11 + [True, False, False]
-    assert log.notes == ("6 of 14 sweeps have no place (no pose on /truth)",)
+    assert log.notes == ("6 of 14 sweeps have no place (no pose on /ground_truth)",)
     assert log.skipped == {
         "in a gap of the poses": 9,
         "outside the poses' span": 1,
@@ -308,7 +316,7 @@ def test_sweeps_without_a_place_are_kept_for_their_odometry_until_it_breaks(tmp_
 
 
 def test_the_error_on_a_bag_without_poses_lists_its_topics(real: Path) -> None:
-    says = r"reader.truth=/odom is not in it; expected Odometry, .*It holds /scan \(sensor_msgs/LaserScan, 360\)$"
+    says = r"reader.ground_truth=/odom is not in it; expected Odometry, .*It holds /scan \(sensor_msgs/LaserScan, 360\)$"
     with one_line(LogError, says):
         Bag(points="/scan").open(real / "bags", "laserscan_rosbag1_v2.0")
     with one_line(LogError, r"reader.points=/points is not in it; expected PointCloud2, LaserScan"):
@@ -353,12 +361,14 @@ def test_the_extrinsics_are_in_the_bag_or_in_the_yaml(tmp_path: Path) -> None:
     written(tmp_path / "without", lambda bag: cloud(bag, START_NS, "lidar", POINT))
     says = r"no fixed transforms lead from base_link to lidar; give reader\.body_T_lidar"
     with one_line(LogError, says):
-        Bag(truth="/truth").open(tmp_path / "without", "drive")
+        Bag(ground_truth="/ground_truth").open(tmp_path / "without", "drive")
     drive(bag_path(tmp_path, "mcap"), "mcap")
-    configured = Bag(truth="/truth", body_T_lidar=[0.5, 0, 1.5, 0, 0, 90]).open(tmp_path, "drive")
+    configured = Bag(ground_truth="/ground_truth", body_T_lidar=[0.5, 0, 1.5, 0, 0, 90]).open(
+        tmp_path, "drive"
+    )
     by_transforms = READER.open(tmp_path, "drive")
     np.testing.assert_allclose(configured.points(2), by_transforms.points(2), atol=1e-12)
-    lies_m = moved(BODY_T_LIDAR, np.array([[2, 0, 0], [1, 2, 3]], np.float32))
+    lies_m = transformed(BODY_T_LIDAR, np.array([[2, 0, 0], [1, 2, 3]], np.float32))
     np.testing.assert_allclose(configured.points(2), lies_m, atol=1e-5)
 
 
@@ -369,8 +379,8 @@ def test_a_missing_bag_or_topic_is_named(tmp_path: Path) -> None:
             Bag().open(tmp_path, name)
     assert Bag().sequences(tmp_path) == {}
     drive(bag_path(tmp_path, "ros1"), "ros1")
-    (missing,) = Bag(truth="/gps").sequences(tmp_path)["drive"]
-    assert missing.startswith(f"{tmp_path}/drive.bag: reader.truth=/gps is not in it")
+    (missing,) = Bag(ground_truth="/gps").sequences(tmp_path)["drive"]
+    assert missing.startswith(f"{tmp_path}/drive.bag: reader.ground_truth=/gps is not in it")
 
 
 def test_broken_transforms_are_counted_in_the_tracks_notes(tmp_path: Path) -> None:
@@ -395,7 +405,7 @@ def test_broken_transforms_are_counted_in_the_tracks_notes(tmp_path: Path) -> No
     ("frame", "world", "says"),
     [
         ("other", "map", "/points comes in several frames, lidar, other; give reader.body_T_lidar"),
-        ("lidar", "odom", "/truth gives poses in several frames: map, odom"),
+        ("lidar", "odom", "/ground_truth gives poses in several frames: map, odom"),
     ],
 )
 def test_a_topic_in_several_frames_is_refused(
@@ -404,14 +414,15 @@ def test_a_topic_in_several_frames_is_refused(
     def write(bag: BagWriter) -> None:
         cloud(bag, START_NS, "lidar", POINT)
         cloud(bag, START_NS + STEP_NS, frame, POINT)
-        bag.odometry(START_NS + 5 * STEP_NS, world, "base_link", at(5), "/truth")
+        bag.odometry(START_NS + 5 * STEP_NS, world, "base_link", at(5), "/ground_truth")
 
     with one_line(LogError, says):
-        Bag(truth="/truth").open(written(tmp_path, write), "drive")
+        Bag(ground_truth="/ground_truth").open(written(tmp_path, write), "drive")
 
 
 def test_an_mcap_of_another_profile_is_refused(tmp_path: Path) -> None:
-    """In the header of an MCAP, the profile's length and name follow 17 bytes of magic and length."""
+    """In the header of an MCAP, the profile's length and name follow 17 bytes of magic and
+    length."""
     path = next(drive(tmp_path / "drive", "mcap").glob("*.mcap"))
     data = path.read_bytes()
     other = tmp_path / "other.mcap"

@@ -23,7 +23,7 @@ from tests.readers.bags import KINDS, START_NS, STEP_NS, at, bag_path, cloud, dr
 from tests.readers.damage import assert_line, damaged, opened
 
 COUNT = itertools.count()
-READER = Bag(truth="/truth", odometry="/odom")
+READER = Bag(ground_truth="/ground_truth", odometry="/odom")
 
 
 def check(reader: Bag, root: Path) -> None:
@@ -128,10 +128,10 @@ def test_of_clouds_with_one_stamp_the_first_is_read(
     root = tmp_path_factory.getbasetemp() / f"stamps{next(COUNT)}"
     with BagWriter(root / "drive.bag", "ros1") as bag:
         for step, x in poses:
-            bag.odometry(START_NS + step * STEP_NS, "map", "lidar", at(x), "/truth")
+            bag.odometry(START_NS + step * STEP_NS, "map", "lidar", at(x), "/ground_truth")
         for i, (step, x) in enumerate(clouds):
             cloud(bag, START_NS + step * STEP_NS, "lidar", [[i, 0, 0], [x, 0, 0]])
-    reader = Bag(truth="/truth", max_gap_s=10)
+    reader = Bag(ground_truth="/ground_truth", max_gap_s=10)
     check(reader, root)
     first = {step: i for i, (step, _) in reversed(list(enumerate(clouds)))}
     try:

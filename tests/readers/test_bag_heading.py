@@ -14,7 +14,7 @@ from tests.readers.bags import KINDS, START_NS, STEP_NS, bag_path, cloud
 
 UPSIDE_DOWN = pose(np.zeros((1, 3)), np.array([[np.pi, 0.0, 0.0]]))[0]
 IMU_NS = STEP_NS // 10
-READER = Bag(truth=None, imu="/imu")
+READER = Bag(ground_truth=None, imu="/imu")
 Kind = Literal["ros1", "sqlite3", "mcap"]
 
 
@@ -48,7 +48,7 @@ def test_rates_of_turn_are_integrated_about_the_vehicles_vertical_axis(
 
 
 def test_the_heading_is_unknown_in_gaps_and_beyond_the_readings(tmp_path: Path) -> None:
-    """Readings from .1 to .2 s and from .8 s on: clouds 0 and 3 to 7 have none, 8 begins anew."""
+    """Readings from .1 to .2 s and from .8 s on: clouds 0 and 3 to 7 have none, 8 starts again."""
     turning(bag_path(tmp_path, "mcap"), "mcap", ((0.1, 0.2), (0.8, 1.0)))
     log = READER.open(tmp_path, "drive")
     assert log.heading_rad is not None
@@ -70,7 +70,7 @@ def test_an_imu_that_no_transforms_place_is_taken_for_upright(tmp_path: Path) ->
 def test_what_is_no_imu_is_refused(tmp_path: Path) -> None:
     turning(bag_path(tmp_path, "mcap"), "mcap", ((0.0, 0.1),))
     with pytest.raises(LogError, match=r"reader.imu=/points is a .*PointCloud2; expected Imu"):
-        Bag(truth=None, imu="/points").open(tmp_path, "drive")
+        Bag(ground_truth=None, imu="/points").open(tmp_path, "drive")
     with BagWriter(tmp_path / "silent", "mcap") as bag:
         cloud(bag, START_NS, "lidar", np.ones((2, 3)))
         bag.imu(START_NS, "imu_link", np.full(3, np.nan))

@@ -13,7 +13,7 @@ from tests.readers.damage import one_line, opened
 from tests.readers.logs import carmen_log, flaser
 
 
-def test_a_corrected_log_has_its_truth_in_its_sweeps_and_drifts_between_them(
+def test_a_corrected_log_has_its_ground_truth_in_its_sweeps_and_drifts_between_them(
     tmp_path: Path,
 ) -> None:
     log = opened(Carmen(), carmen_log(tmp_path), "drive")
@@ -21,8 +21,8 @@ def test_a_corrected_log_has_its_truth_in_its_sweeps_and_drifts_between_them(
     assert log.stamps_ns.tolist() == [10**9 * i for i in range(10, 16)]
     assert log.world_T_scan[:, :3, 3].tolist() == [[i, 0, 0] for i in range(6)]
     assert np.isnan(log.odom_T_scan[0]).all()  # no reading came before the first sweep
-    # Each stretch of odometry is 1.5 m along x and a quarter along y; the step back to the truth is
-    # no motion.
+    # Each stretch of odometry is 1.5 m along x and a quarter along y; the step back to the ground
+    # truth is no motion.
     steps_m = np.diff(log.odom_T_scan[1:, :2, 3], axis=0)
     assert steps_m == pytest.approx(np.tile([1.5, 0.25], (4, 1)))
     # the third beam, of 50 m, hit nothing
@@ -73,7 +73,7 @@ def test_newer_records_hold_angles_and_the_largest_range(tmp_path: Path) -> None
     assert log.points(0) == pytest.approx(np.array([[0, -1.5, 0], [2, -0.5, 0]]))
 
 
-def test_a_corrected_log_beside_a_raw_one_holds_the_truth(tmp_path: Path) -> None:
+def test_a_corrected_log_beside_a_raw_one_holds_the_ground_truth(tmp_path: Path) -> None:
     raw = [flaser([1, 2], f"{i} {0.1 * i} 0", 5 + i) for i in range(4)]
     rear = flaser([3], "9 9 9", 5.5, kind="RLASER")
     (tmp_path / "a.log").write_text("".join([raw[0], rear, *raw[1:]]))

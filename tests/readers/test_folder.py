@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pipeline.core.errors import LogError
-from pipeline.core.frames import moved, rpy, yaw
+from pipeline.core.frames import rpy, transformed, yaw
 from pipeline.formats import folder as files
 from pipeline.readers.folder import Folder, read_kitti, read_scan, read_tum
 from pipeline.readers.log import Log
@@ -266,7 +266,7 @@ def test_a_point_lies_in_the_world_where_the_raw_poses_put_it_plus_the_lift(tmp_
     poses = f"{START} {pose}\n{START + 1} {pose}\n"
     scan = {f"scans/{START}.bin": cloud((2, 1, 3))}
     log = opened(tmp_path, Folder(lift_m=0.3), poses=poses, scans=scan)
-    lies_m = moved(log.world_T_scan[0], log.points(0))
+    lies_m = transformed(log.world_T_scan[0], log.points(0))
     np.testing.assert_allclose(lies_m, [[1 + 2, 2 - 3, 3 + 1 + 0.3]], atol=1e-6)
 
 

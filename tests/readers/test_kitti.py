@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import KDTree
 
 from pipeline.core.errors import ConfigError, LogError
-from pipeline.core.frames import moved, yaw
+from pipeline.core.frames import transformed, yaw
 from pipeline.readers.kitti import Kitti, read_poses, read_velodyne
 from tests.readers.damage import one_line
 from tests.readers.logs import TR, kitti_log
@@ -169,7 +169,7 @@ def test_real_scans_lie_on_each_other_only_with_their_poses(real: Path) -> None:
     tree = KDTree(high(0))
     for row, aligned_m in ((1, 0.07), (5, 0.17), (10, 0.27), (15, 0.34)):
         points = high(row)[::4]
-        posed = moved(np.linalg.inv(log.world_T_scan[0]) @ log.world_T_scan[row], points)
+        posed = transformed(np.linalg.inv(log.world_T_scan[0]) @ log.world_T_scan[row], points)
         aligned, unaligned = (float(np.median(tree.query(cloud)[0])) for cloud in (posed, points))
         assert aligned == pytest.approx(aligned_m, rel=0.25)
         assert aligned < 0.5 * unaligned

@@ -66,18 +66,18 @@ def test_north_east_down_poses_become_z_up(tmp_path: Path) -> None:
     # sign, so do pitch and yaw.
     path = tmp_path / "groundtruth.csv"
     path.write_text(row(0, 1, 2, 3, 0.1, 0.2, 0.3))
-    truth = read_poses(path)
-    np.testing.assert_allclose(truth.world_T_body[0, :3, 3], [1, -2, -3])
-    np.testing.assert_allclose(rpy(truth.world_T_body), [[0.1, -0.2, -0.3]], atol=1e-12)
-    assert truth.stamps_ns.tolist() == [START * 1000]
+    ground_truth = read_poses(path)
+    np.testing.assert_allclose(ground_truth.world_T_body[0, :3, 3], [1, -2, -3])
+    np.testing.assert_allclose(rpy(ground_truth.world_T_body), [[0.1, -0.2, -0.3]], atol=1e-12)
+    assert ground_truth.stamps_ns.tolist() == [START * 1000]
 
 
 def test_leading_rows_without_a_pose_are_gaps(tmp_path: Path) -> None:
     path = tmp_path / "groundtruth.csv"
     path.write_text(row(0, *["NaN"] * 6) + row(1, "nan", 0, 0, 0, 0, 0) + row(2) + row(3))
-    truth = read_poses(path)
-    assert len(truth.stamps_ns) == 4
-    assert truth.at(truth.stamps_ns)[1].tolist() == [False, False, True, True]
+    ground_truth = read_poses(path)
+    assert len(ground_truth.stamps_ns) == 4
+    assert ground_truth.at(ground_truth.stamps_ns)[1].tolist() == [False, False, True, True]
 
 
 # Logs
@@ -106,12 +106,12 @@ def test_scans_come_in_order_of_time_not_of_name(tmp_path: Path) -> None:
 def test_scans_without_a_pose_are_counted(tmp_path: Path) -> None:
     # Rows at 0, 0.1 s, then NaN at 0.2, 0.3, then 2 s later at 2.3 s (a gap: more than half a
     # second) and at 2.4 s.
-    truth = row(0) + row(1) + row(2, *["nan"] * 6) + row(3) + row(23) + row(24)
+    ground_truth = row(0) + row(1) + row(2, *["nan"] * 6) + row(3) + row(23) + row(24)
     # Scans before the rows, between known ones, next to and on the NaN row, on the last one, in the
     # gap, in the new rows, after.
     at = (-10, 5, 15, 20, 30, 100, 235, 241)
     scans = {str(START + 10_000 * c): sync_bytes((20_000,) * 3) for c in at}
-    log = Nclt().open(nclt_log(tmp_path, truth, scans), DATE)
+    log = Nclt().open(nclt_log(tmp_path, ground_truth, scans), DATE)
     assert [(s // 1000 - START) // 10_000 for s in log.stamps_ns.tolist()] == [5, 30, 235]
     assert log.skipped == {"outside the poses' span": 2, "in a gap of the poses": 3}
 
@@ -140,7 +140,7 @@ def test_odometry_is_given_at_the_scans(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"truth": None}, "groundtruth_2012-01-08.csv"),
+        ({"ground_truth": None}, "groundtruth_2012-01-08.csv"),
         ({"scans": {}}, "no readable scan"),
         ({"scans": {"1": b""}}, "no readable scan"),
     ],
@@ -192,8 +192,8 @@ def test_the_variances_of_the_odometry_add_up_over_its_motions(tmp_path: Path) -
 
 @pytest.mark.parametrize("ending", ["", ", 1"])
 def test_a_log_has_the_variance_of_its_odometry_or_a_note(tmp_path: Path, ending: str) -> None:
-    truth = "".join(row(100_000 * step, step, 0, 0, 0, 0, 0) for step in range(11))
-    nclt_log(tmp_path, odometry=truth)
+    ground_truth = "".join(row(100_000 * step, step, 0, 0, 0, 0, 0) for step in range(11))
+    nclt_log(tmp_path, odometry=ground_truth)
     rows = [covariance_row(step, 0.1, 0.1, 0.1).rstrip("\n") + ending for step in range(100)]
     (tmp_path / DATE / "odometry_cov.csv").write_text("\n".join(rows))
     log = Nclt().open(tmp_path, DATE)

@@ -198,7 +198,7 @@ def test_a_wide_step_is_a_gap(tmp_path: Path) -> None:
 
 
 def test_sweeps_within_a_break_have_no_odometry(tmp_path: Path) -> None:
-    # The chain ends at 200 ms, the next row starts at 400: anew, from the identity.
+    # The chain ends at 200 ms, the next row starts at 400: again, from the identity.
     vo = chained((100, 0, 1.0), (200, 100, 1.0), (500, 400, 1.0), (600, 500, 1.0))
     log = opened(tmp_path, sweeps=dict.fromkeys((150, 200, 250, 350, 400, 550), ONE), vo=vo)
     assert x(log.odom_T_scan) == [1.5, 2, None, None, 0, 1.5]
@@ -220,8 +220,8 @@ def test_the_first_sweep_after_a_break_has_no_odometry(tmp_path: Path, before: i
 def test_a_break_in_an_outage_is_marked_at_the_first_sweep_with_a_true_pose(tmp_path: Path) -> None:
     # Broken at 200 ms, without a true pose from 150 to 450 ms: sweeps of the new chain go up to the
     # first with a true pose, which tells of the break. Without it, a submap would join two chains.
-    anew = [(t + 100, t, 1.0) for t in range(250, 750, 100)]
-    vo = chained((100, 0, 1.0), (200, 100, 1.0), *anew)
+    again = [(t + 100, t, 1.0) for t in range(250, 750, 100)]
+    vo = chained((100, 0, 1.0), (200, 100, 1.0), *again)
     ins = driven_with_outages(range(0, 1000, 50), range(150, 451), "INS_BAD_GPS_AGREEMENT")
     log = opened(tmp_path, sweeps=dict.fromkeys((50, 175, 275, 375, 525, 575), ONE), vo=vo, ins=ins)
     assert ms(log) == [50, 175, 525, 575]

@@ -10,7 +10,7 @@ from pipeline.formats.bag import BagWriter
 from pipeline.readers.bag import Bag
 from pipeline.readers.folder import Folder
 from pipeline.readers.log import Log
-from pipeline.readers.vehicle import breaks_ns, doubts, jumps, split_at_jumps
+from pipeline.readers.vehicle import breaks_ns, jumps, split_at_jumps, warnings
 from tests.readers.bags import START_NS, STEP_NS, at, cloud
 from tests.readers.logs import START, folder_log
 
@@ -47,7 +47,7 @@ def straight(count: int = 100, along: tuple[float, float, float] = (1, 0, 0)) ->
 def test_what_no_vehicle_does_is_doubted(
     way: tuple[float, float, float], rpy_deg: tuple[float, float, float], says: str
 ) -> None:
-    (line,) = doubts("/odom", drive(straight(along=way), rpy_deg))
+    (line,) = warnings("/odom", drive(straight(along=way), rpy_deg))
     assert line.startswith("/odom: ")
     assert says in line
 
@@ -56,15 +56,15 @@ def test_a_heading_that_does_not_follow_the_way_is_doubted() -> None:
     """A circle of 100 m driven without turning, as where only positions were measured."""
     turn_rad = np.linspace(0, 2 * np.pi, 600)
     circle = drive(100 * np.column_stack([np.cos(turn_rad), np.sin(turn_rad), 0 * turn_rad]))
-    (line,) = doubts("x", circle)
+    (line,) = warnings("x", circle)
     assert "heading does not follow its way" in line
     rpy_rad = np.column_stack([0 * turn_rad, 0 * turn_rad, turn_rad + np.pi / 2])
     ahead = pose(circle.world_T_body[:, :3, 3], rpy_rad)
-    assert doubts("x", Trajectory(circle.stamps_ns, ahead, 0.5)) == ()
+    assert warnings("x", Trajectory(circle.stamps_ns, ahead, 0.5)) == ()
 
 
 def test_positions_in_millimetres_are_doubted() -> None:
-    (line,) = doubts("x", drive(1000 * straight()))
+    (line,) = warnings("x", drive(1000 * straight()))
     assert line.startswith("x: the body drives at 10,000 m/s most of the way: are its positions in")
     assert line.endswith(" metres, its stamps in order?")
 
@@ -72,10 +72,10 @@ def test_positions_in_millimetres_are_doubted() -> None:
 def test_a_vehicle_is_not_doubted() -> None:
     """On a slope of 20 %, pitched and rolled by 10°, driving backwards, standing; and where nothing
     is known."""
-    assert doubts("x", drive(straight(along=(0.98, 0, 0.2)), (10, -10, 0))) == ()
-    assert doubts("x", drive(-straight())) == ()
-    assert doubts("x", drive(np.zeros((50, 3)))) == ()
-    assert doubts("x", drive(np.full((5, 3), np.nan))) == ()
+    assert warnings("x", drive(straight(along=(0.98, 0, 0.2)), (10, -10, 0))) == ()
+    assert warnings("x", drive(-straight())) == ()
+    assert warnings("x", drive(np.zeros((50, 3)))) == ()
+    assert warnings("x", drive(np.full((5, 3), np.nan))) == ()
 
 
 # Jumps
@@ -85,7 +85,7 @@ def test_a_step_far_longer_than_those_around_it_is_a_jump() -> None:
     xyz_m = straight(20)
     xyz_m[11:, 0] -= 11  # set back to 0: 10 m back, where a metre was due
     assert jumps(drive(xyz_m)).tolist() == [11]
-    (line,) = doubts("x", drive(xyz_m))
+    (line,) = warnings("x", drive(xyz_m))
     assert "jumps once, first at 1.100 s by 10 m and 0° in 0.1 s: no vehicle drives so" in line
 
 
@@ -119,14 +119,14 @@ def test_a_topic_that_repeats_each_pose_does_not_jump() -> None:
 def test_odometry_that_is_set_back_gets_a_gap_and_a_note() -> None:
     xyz_m = straight(20)
     xyz_m[11:, 0] -= 11
-    mended, notes = split_at_jumps("/odom", drive(xyz_m))
+    fixed, notes = split_at_jumps("/odom", drive(xyz_m))
     assert notes == (
-        "/odom: jumps once, first at 1.100 s by 10 m and 0° in 0.1 s: the odometry starts anew "
+        "/odom: jumps once, first at 1.100 s by 10 m and 0° in 0.1 s: the odometry starts again "
         "there",
     )
-    known = mended.at(np.array([100, 105, 110]) * 10**7)[1]
+    known = fixed.at(np.array([100, 105, 110]) * 10**7)[1]
     assert known.tolist() == [True, False, True]
-    assert breaks_ns(mended).tolist() == [11 * TENTH_NS]
+    assert breaks_ns(fixed).tolist() == [11 * TENTH_NS]
     assert split_at_jumps("x", drive(straight(20)))[1] == ()
 
 
@@ -134,7 +134,8 @@ def test_odometry_that_is_set_back_gets_a_gap_and_a_note() -> None:
 
 
 def with_odometry(root: Path, rows: list[str], decimals: list[str]) -> Log:
-    """Open a user's sequence with this odometry, and scans at these decimals of its first second."""
+    """Open a user's sequence with this odometry, and scans at these decimals of its first
+    second."""
     point = np.array([2, 1, 3, 0.5], "<f4").tobytes()
     scans = {f"scans/{START // 10**6}.{stem}.bin": point for stem in decimals}
     folder_log(root, scans=scans)
@@ -143,8 +144,8 @@ def with_odometry(root: Path, rows: list[str], decimals: list[str]) -> Log:
 
 
 def test_the_first_scan_after_odometry_was_set_back_has_no_odometry(tmp_path: Path) -> None:
-    """Scans every 0.1 s; the odometry is 0 … 5 m, then 0 … 5 m again while the truth goes on to 11
-    m."""
+    """Scans every 0.1 s; the odometry is 0 … 5 m, then 0 … 5 m again while the ground truth goes on
+    to 11 m."""
     rows = [f"{START / 1e6 + 0.1 * i:.1f} {i if i < 6 else i - 6} 0 0 0 0 0 1\n" for i in range(11)]
     log = with_odometry(tmp_path, rows, [f"{i:02d}5" for i in range(10, 90, 10)])
     # The scans lie 5 ms behind the poses 1 … 8: that behind pose 5 is on the jump, and the one
@@ -166,10 +167,10 @@ def test_odometry_of_a_bag_starts_anew_where_it_was_set_back(tmp_path: Path) -> 
         bag.static_transform(START_NS, "base_link", "lidar", np.eye(4))
         for i in range(21):
             stamp_ns = START_NS + i * STEP_NS
-            bag.odometry(stamp_ns, "map", "base_link", at(0.1 * i), "/truth")
+            bag.odometry(stamp_ns, "map", "base_link", at(0.1 * i), "/ground_truth")
             odom_T_robot = at(0.1 * (i if i <= 10 else i - 11))
             bag.odometry(stamp_ns, "odom", "base_link", odom_T_robot, "/odom")
             cloud(bag, stamp_ns, "lidar", np.ones((5, 3)))
-    log = Bag(truth="/truth", odometry="/odom").open(tmp_path, "drive")
+    log = Bag(ground_truth="/ground_truth", odometry="/odom").open(tmp_path, "drive")
     assert np.flatnonzero(np.isnan(log.odom_T_scan[:, 0, 0])).tolist() == [11]
     assert any("/odom: jumps once" in note for note in log.notes)

@@ -13,7 +13,7 @@ from pipeline.core.schemas import Lifelong
 from pipeline.evaluation import results
 from pipeline.evaluation.ageing import Ageing
 from pipeline.evaluation.events import Bands
-from pipeline.report.study import Study
+from pipeline.report.study import StudyResults
 from pipeline.studies.layout import Layout
 from tests.artifacts import write_submaps, written
 from tests.evaluation.made import standing
@@ -23,17 +23,17 @@ from tests.studies.made import study as made_study
 TRAIN = "2012-01-15"
 LEARNED = "2012-03-17"
 UPDATE = "2013-03-16"
-ASKED = ["2012-02-04", "2013-03-23"]
+QUERIED = ["2012-02-04", "2013-03-23"]
 SETTINGS = made_study(
     **{
-        "question": "lifelong",
+        "experiment": "lifelong",
         "source": "world",
         "world": "campus_tiny",
-        "heeds": "simulated",
+        "reads": "simulated",
         "train": TRAIN,
-        "tests": ASKED,
+        "tests": QUERIED,
         "learned": [LEARNED],
-        "updates": [UPDATE],
+        "self_training": [UPDATE],
         "budget": "tiny",
         "grids": ["10m"],
         "methods": [
@@ -42,16 +42,16 @@ SETTINGS = made_study(
                 "view": "scan_context",
                 "seeds": 2,
                 "courses": {
-                    "days": ["frozen", "grown", "tuned", "joint"],
-                    "streets": ["grown"],
-                    "updates": ["updated", "trusting"],
+                    "days": ["frozen", "incremental", "fine_tuned", "joint"],
+                    "streets": ["incremental"],
+                    "self_training": ["self_trained", "self_trained_all"],
                 },
             },
             {
                 "name": "sad",
                 "view": "birdview",
                 "stage": "birdviews",
-                "courses": {"days": ["frozen", "grown"], "streets": ["grown"]},
+                "courses": {"days": ["frozen", "incremental"], "streets": ["incremental"]},
             },
         ],
     }
@@ -62,18 +62,18 @@ KNOWN_FROM = np.array([0, 0, 0, 1, -1])
 """Of five queries; the place of the last one is never known."""
 RIGHT = {
     "frozen": [1, 0, 1, 0, 0],
-    "grown": [1, 1, 1, 1, 0],
-    "tuned": [0, 0, 1, 1, 0],
+    "incremental": [1, 1, 1, 1, 0],
+    "fine_tuned": [0, 0, 1, 1, 0],
     "joint": [1, 1, 1, 1, 0],
 }
-RIGHT |= {"updated": [1, 1, 1, 0, 0], "trusting": [1, 0, 0, 0, 0]}
+RIGHT |= {"self_trained": [1, 1, 1, 0, 0], "self_trained_all": [1, 0, 0, 0, 0]}
 """After the last step; after the first all are like `frozen`.
 
-The second seed of `tuned` gets the first query right too.
+The second seed of `fine_tuned` gets the first query right too.
 """
 
 
-def build(artifacts: Path) -> Study:
+def build(artifacts: Path) -> StudyResults:
     """Write everything that a report of the study reads, and return the study."""
     write_submaps(artifacts / f"submaps/campus/{TRAIN}.zarr", standing(TRAIN_XY_M))
     for method in SETTINGS.methods:
@@ -96,33 +96,35 @@ def build(artifacts: Path) -> Study:
     (artifacts / "results/campus").mkdir(parents=True)
     table.to_csv(artifacts / "results/campus" / results.FILE, index=False)
     layout = Layout(artifacts)
-    return Study(layout, SETTINGS, "10m", results.read(layout, {"campus": SETTINGS}))
+    return StudyResults(layout, SETTINGS, "10m", results.read(layout, {"campus": SETTINGS}))
 
 
 def course(path: Path, order: str, strategy: str, seed: int = 0) -> dict[str, Any]:
     """Write the artifact of one strategy in one order; returns its attributes."""
     right = np.array([RIGHT["frozen"], RIGHT[strategy]], bool)
-    right[1, 0] |= strategy == "tuned" and seed == 1
+    right[1, 0] |= strategy == "fine_tuned" and seed == 1
     names = {
         "days": [TRAIN, LEARNED],
         "streets": [f"{TRAIN} 1/2", f"{TRAIN} 2/2"],
-        "updates": [TRAIN, UPDATE],
+        "self_training": [TRAIN, UPDATE],
     }[order]
-    wrong = {"updated": 0, "trusting": 3 + seed}.get(strategy)
+    wrong = {"self_trained": 0, "self_trained_all": 3 + seed}.get(strategy)
     counts = (
-        {} if wrong is None else {"asked": 50, "adopted": 40 + wrong, "wrong": wrong, "changed": 7}
+        {}
+        if wrong is None
+        else {"queried": 50, "pseudo_labelled": 40 + wrong, "wrong": wrong, "changed": 7}
     )
     attrs = {
         "correct_m": 15.0,
         "order": order,
         "strategy": strategy,
-        "asked": ASKED,
+        "queried": QUERIED,
         "steps": names,
         "places": [3, 4],
         "bytes": [2e6, 3e6],
     }
     attrs["counts"] = [{}, counts]
-    attrs |= {"learned_ns": [20 * DAY_NS, 40 * DAY_NS], "asked_ns": [10 * DAY_NS, 50 * DAY_NS]}
+    attrs |= {"learned_ns": [20 * DAY_NS, 40 * DAY_NS], "queried_ns": [10 * DAY_NS, 50 * DAY_NS]}
     arrays = {
         "right": right,
         "error_m": np.where(right, 1.0, 20.0),

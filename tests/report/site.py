@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.core.schemas import Submaps
 from pipeline.report.findings import Finding
 from pipeline.report.section import Illustration, Section
-from pipeline.report.study import Study
+from pipeline.report.study import StudyResults
 from pipeline.report.table import MISSING, Cell, Table, number
 from pipeline.report.web.front import front
 from pipeline.report.web.page import Entry
@@ -28,7 +28,7 @@ SETTINGS = made_study(
         {"name": "m2dp", "view": "signature"},
         {"name": "sci", "view": "scan_context"},
     ],
-    altered={"turned": [TESTS[0]]},
+    perturbed={"turned": [TESTS[0]]},
 )
 XY_M = np.array([(0, 0), (10, 0), (10, 0), (30, 0), (40, 0), (40, 100), (40, 120)], float)
 """Queries 2 and 3 of 7 lie on each other: one is placed right, the other 200 m off."""
@@ -43,9 +43,9 @@ WORDS: dict[str, Any] = {
 }
 
 
-def build(artifacts: Path) -> Study:
+def build(artifacts: Path) -> StudyResults:
     """The study, whose scans see a wall 10 m to their left each."""
-    study = studied.build(artifacts, SETTINGS, XY_M, 3, kept_precision=(0.731, np.nan))
+    study = studied.build(artifacts, SETTINGS, XY_M, 3, validation_precision=(0.731, np.nan))
     for day in (*TRAIN, *TESTS):
         poses = study.artifact(Submaps, "submaps", day).world_T_anchor
         write_scans(study.find("scans", day), [WALL_M] * len(poses), poses)
@@ -57,7 +57,7 @@ def heights(views: int) -> np.ndarray:
     return np.random.default_rng(views).uniform(0, 16, (views, 40, 120)).astype(np.float32)
 
 
-def entries(study: Study) -> list[Entry]:
+def entries(study: StudyResults) -> list[Entry]:
     """The study as the page takes it."""
     return [Entry(study, sections(study.layout.root), front(study))]
 

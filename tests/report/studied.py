@@ -12,17 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.alterations import Case
 from pipeline.core import store
 from pipeline.core.schemas import Labels, ScanContextViews, SignatureViews
 from pipeline.evaluation import results
 from pipeline.evaluation.ageing import Ageing
+from pipeline.evaluation.evaluations import Evaluations
 from pipeline.evaluation.events import Bands
-from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.protocols import Distance
 from pipeline.formats.changes import Change, write_changes
 from pipeline.matching.rejection import Evidence
-from pipeline.report.study import Study
+from pipeline.perturbations import Case
+from pipeline.report.study import StudyResults
 from pipeline.studies import study as studies
 from pipeline.studies.layout import Layout
 from tests.artifacts import write_submaps, write_views, written
@@ -44,9 +44,9 @@ WALLS = [Case("construction", level, shadow) for level in (1.0, 2.0) for shadow 
 FEW = 3
 SETTINGS = made_study(
     **{
-        "question": "robustness",
+        "experiment": "robustness",
         "world": "campus_tiny",
-        "heeds": "simulated",
+        "reads": "simulated",
         "train": TRAIN,
         "tests": list(TESTS),
         "budget": "tiny",
@@ -57,7 +57,7 @@ SETTINGS = made_study(
             {"name": "sci", "view": "scan_context", "variants": {"4way": "method.n_way=4"}},
             {"name": "scan_context", "view": "scan_context"},
         ],
-        "altered": {"turned": list(TESTS)[:2], "construction": list(TESTS)[:1]},
+        "perturbed": {"turned": list(TESTS)[:2], "construction": list(TESTS)[:1]},
         "stress": {REVERSED: "all reversed"},
     }
 )
@@ -65,7 +65,7 @@ KNOWN = {"entropy": np.array([0.1, 0.2]), "energy": np.array([1.0, 2.0])}
 EVIDENCE = Evidence(np.array([True, False]), KNOWN, KNOWN, np.arange(2))
 LOSSES = {
     "curves/loss": np.array([2.0, 1.0]),
-    "curves/held_out_loss": np.array([3.0, 2.0]),
+    "curves/validation_loss": np.array([3.0, 2.0]),
     "best_epoch": np.array(1),
 }
 WRONG = {"sci": (), "sci-4way": (1,), "scan_context": (0, 1), "m2dp": (0, 1)}
@@ -75,11 +75,11 @@ WRONG = {"sci": (), "sci-4way": (1,), "scan_context": (0, 1), "m2dp": (0, 1)}
 
 def build(
     artifacts: Path,
-    settings: studies.Study = SETTINGS,
+    settings: studies.StudyResults = SETTINGS,
     xy_m: np.ndarray = XY_M,
     misplaced: int = 4,
     **judged_as: Any,
-) -> Study:
+) -> StudyResults:
     """Write everything that a report of the study reads, and return the study.
 
     The seven queries of a test day are taken at `xy_m`. From the third day on, and turned, the one
@@ -97,7 +97,7 @@ def build(
             images = rng.uniform(0, 16, (n, *shape)).astype(np.float32)
             path = artifacts / f"views/campus/{view}/{sequence}.zarr"
             write_views(path, kind, images, world_T_anchor, cases=[asdict(Case())])
-        truth = {
+        ground_truth = {
             "places": TRAIN_PLACES if is_training else LABELS.places,
             "cells": np.arange(10),
             "oracle": np.zeros(n, int),
@@ -107,7 +107,7 @@ def build(
         for grid, cell_m in grids:
             path = artifacts / f"labels/campus/{grid}/{sequence}.zarr"
             own = {"days": DAYS.get(sequence, 0), "x_m": [0, 100], "y_m": [0, 100]}
-            written(path, Labels, truth, cell_m=int(cell_m), **own)
+            written(path, Labels, ground_truth, cell_m=int(cell_m), **own)
     for method in settings.methods:
         for model, (grid, _) in product(method.models, grids):
             if model.variant and grid not in settings.grid_names:
@@ -136,11 +136,11 @@ def build(
     table = results.ResultsTable(layout, settings, Ageing(), Bands((25.0, 50.0)), 0.2).table()
     (artifacts / "results/campus").mkdir(parents=True)
     table.to_csv(artifacts / "results/campus" / results.FILE, index=False)
-    return Study(layout, settings, "10m", results.read(layout, {"campus": settings}))
+    return StudyResults(layout, settings, "10m", results.read(layout, {"campus": settings}))
 
 
 def judged(
-    settings: studies.Study,
+    settings: studies.StudyResults,
     model: str,
     sequence: str,
     xy_m: np.ndarray,
@@ -151,14 +151,14 @@ def judged(
     days = DAYS[sequence]
     found = {}
     some = (
-        WALLS if sequence in settings.altered.get("construction", ()) and "-" not in model else []
+        WALLS if sequence in settings.perturbed.get("construction", ()) and "-" not in model else []
     )
-    for case in [*TURNED, *some] if sequence in settings.altered["turned"] else TURNED[:1]:
+    for case in [*TURNED, *some] if sequence in settings.perturbed["turned"] else TURNED[:1]:
         is_worse = (case.change and "-" not in model) or days > 100
         wrong = (*WRONG[model], *((misplaced,) if is_worse else ()))
         heading_deg = 5.0 if model == "scan_context" else np.nan
         judged_case = evaluation(days, wrong=wrong, heading_deg=heading_deg, xy_m=xy_m)
-        found[case] = replace(judged_case, wanted_precision=0.9, **judged_as)
+        found[case] = replace(judged_case, target_precision=0.9, **judged_as)
     return Evaluations(
         tuple(found.values()),
         [asdict(case) for case in found],

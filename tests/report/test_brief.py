@@ -18,7 +18,7 @@ ROBOT = made_study("robot", tests=TESTS, **RECORDED)
 def results(
     name: str,
     methods: int = 1,
-    void: bool = False,
+    degenerate: bool = False,
     within_m: float = 15.0,
     posed: int | None = None,
 ) -> pd.DataFrame:
@@ -33,11 +33,11 @@ def results(
             rows.append(place | row("recall_at_1", "cells", 0.123))
             rows.append(place | row("answered", "distance", 0.25))
             rows.append(place | row("precision_at_threshold", "distance", np.nan if i else 0.875))
-            rows.append(place | row("kept_precision", "distance", 0.731 if i else 0.95))
-            rows.append(place | row("wanted_precision", "distance", 0.9))
+            rows.append(place | row("validation_precision", "distance", 0.731 if i else 0.95))
+            rows.append(place | row("target_precision", "distance", 0.9))
             for number, count in (("accepted", 40), ("accepted_wrong", 1), ("refused_wrong", 9)):
                 rows.append(place | row(number, "distance", count))
-            rows += [place | row("void", "distance", 1.0)] if void else []
+            rows += [place | row("degenerate", "distance", 1.0)] if degenerate else []
             rows += [place | row("within_2m_5deg", "distance", share)] if i == posed else []
         rows.append({"grid": "10m", "method": f"m{i}"} | row("query_ms", "", 12.4))
     rows.append({"grid": "10m"} | row("correct_m", "distance", within_m))
@@ -109,11 +109,11 @@ def test_many_methods_and_a_narrow_terminal_are_cut_and_say_so() -> None:
 
 def test_a_score_that_means_nothing_says_so_and_a_tolerance_is_named() -> None:
     text = brief(
-        results("yard", void=True, within_m=2.5),
+        results("yard", degenerate=True, within_m=2.5),
         {"yard": made_study("yard", tests=TESTS, tolerance="2m")},
         80,
     )
-    assert text.split("\n")[3].split()[:3] == ["m0", "void", "void"]
+    assert text.split("\n")[3].split()[:3] == ["m0", "degenerate", "degenerate"]
     assert "within 2.5 m" in text
 
 

@@ -1,11 +1,21 @@
-"""A comparison of models gives means, deviations, shares that are kept, clear margins and N ways."""
+"""A comparison of models gives means, deviations, shares that are kept, clear margins and N
+ways."""
 
 from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
-from pipeline.report.comparison import AUC, FAR, KEPT, OFF, ONE_SEED, Comparison, Kind, Measurement
+from pipeline.report.comparison import (
+    AUC,
+    AUC_SHARE,
+    HEADING_ERROR,
+    ONE_SEED,
+    RECALL_BY_DISTANCE,
+    Comparison,
+    Kind,
+    Measurement,
+)
 from tests.report.figures.made import BUILT, COMPARED, DAYS, TURNED, compared
 
 NAN = np.nan
@@ -48,7 +58,7 @@ def test_a_comparison_has_models_kinds_seeds_and_repeats_in_their_order() -> Non
         Kind("construction", 2.0, True),
     )
     assert [one.label for one in kinds] == [
-        "as driven",
+        "unperturbed",
         "turned",
         "60° removed",
         "1 new wall",
@@ -56,18 +66,18 @@ def test_a_comparison_has_models_kinds_seeds_and_repeats_in_their_order() -> Non
     ]
 
 
-def test_kept_is_the_share_of_the_same_seeds_and_sequences_auc_as_driven() -> None:
-    assert COMPARED.measurement("sci", TURNED, KEPT).values.tolist() == [
+def test_kept_is_the_share_of_the_same_seeds_and_sequences_auc_unperturbed() -> None:
+    assert COMPARED.measurement("sci", TURNED, AUC_SHARE).values.tolist() == [
         [pytest.approx([0.25, 0.25]), pytest.approx([0.5, 0.5])]
     ]
-    assert COMPARED.measurement("sci_ring", TURNED, KEPT).values[1, 1] == pytest.approx(
+    assert COMPARED.measurement("sci_ring", TURNED, AUC_SHARE).values[1, 1] == pytest.approx(
         [0.7 / 0.8, 0.74 / 0.8]
     )
-    assert BUILT.measurement("sci", Kind("construction", 2.0, True), KEPT).mean == pytest.approx(
-        0.3 / 0.8
-    )
+    assert BUILT.measurement(
+        "sci", Kind("construction", 2.0, True), AUC_SHARE
+    ).mean == pytest.approx(0.3 / 0.8)
     none = compared({("sci", Kind()): [[[0.0]]], ("sci", TURNED): [[[0.5]]]}, {})
-    assert np.isnan(none.measurement("sci", TURNED, KEPT).mean)  # of nothing, no share is kept
+    assert np.isnan(none.measurement("sci", TURNED, AUC_SHARE).mean)  # of nothing, no share is kept
 
 
 def pair(one: Sequence[float], other: Sequence[float], seeds: int = 1) -> Comparison:
@@ -107,9 +117,9 @@ def test_a_margin_is_clear_on_every_sequence_and_beyond_what_days_and_seeds_do(
 
 
 def test_without_a_common_sequence_there_is_no_margin() -> None:
-    margin = pair((0.9, NAN), (NAN, 0.1)).ahead("sci", "m2dp", Kind(), FAR)
+    margin = pair((0.9, NAN), (NAN, 0.1)).ahead("sci", "m2dp", Kind(), RECALL_BY_DISTANCE)
     assert np.isnan(margin.value)
     assert (margin.number, margin.clear) == (0, False)
-    assert COMPARED.measurement("sci", TURNED, OFF).mean == pytest.approx(
+    assert COMPARED.measurement("sci", TURNED, HEADING_ERROR).mean == pytest.approx(
         0.3
     )  # every number has its own rows

@@ -9,14 +9,14 @@ import pandas as pd
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
-from pipeline.evaluation.doubts import DOUBTS, VOID
+from pipeline.evaluation.caveats import CAVEATS, DEGENERATE
 from pipeline.evaluation.rows import AGAINST, NEAR_CHANGE, row, table
 from pipeline.report import findings
 from pipeline.report.comparison import AUC, Kind
 from pipeline.report.findings import Finding
 from pipeline.report.render import percent, sentence
 from pipeline.report.result import Result
-from pipeline.report.study import Study, TrainingRecord
+from pipeline.report.study import StudyResults, TrainingRecord
 from tests.report.figures.made import BUILT, COMPARED, DAYS, ONE, TURNED, compared, rows_of
 
 NAN = np.nan
@@ -24,7 +24,7 @@ DRIVEN = Kind()
 DAYS_AFTER = (20, 152)
 
 
-def reporting(study: Study, results: Sequence[Result], rounds: int = 0) -> Study:
+def reporting(study: StudyResults, results: Sequence[Result], rounds: int = 0) -> StudyResults:
     """The study, but with these results of its models."""
     changed = replace(study)
     names = list(dict.fromkeys(result.model for result in results))
@@ -58,7 +58,7 @@ def numbered(model: str, days: int, **cells_and_distance: tuple[float, float]) -
 
 
 def test_the_answer_names_the_best_model_by_distance_and_how_the_others_fare(
-    study: Study, snapshot: SnapshotAssertion
+    study: StudyResults, snapshot: SnapshotAssertion
 ) -> None:
     best = [
         numbered("sci", 20, recall_at_1=(0.5, 0.9)),
@@ -79,7 +79,7 @@ def test_the_answer_names_the_best_model_by_distance_and_how_the_others_fare(
 
 
 def test_the_answer_says_what_the_threshold_keeps(
-    study: Study, snapshot: SnapshotAssertion
+    study: StudyResults, snapshot: SnapshotAssertion
 ) -> None:
     answers_nothing = numbered(
         "sci",
@@ -91,8 +91,8 @@ def test_the_answer_says_what_the_threshold_keeps(
     finding = findings.answer(reporting(study, [answers_nothing]))
     assert sentence(finding) == snapshot(name="nothing is answered")
     result = numbered("sci", 20, recall_at_1=(0.5, 0.9))
-    kept_precision = {("distance", "kept_precision"): (0.731, NAN, NAN)}
-    keeps_less = replace(result, rows=rows_of(result.numbers | kept_precision))
+    validation_precision = {("distance", "validation_precision"): (0.731, NAN, NAN)}
+    keeps_less = replace(result, rows=rows_of(result.numbers | validation_precision))
     finding = findings.answer(reporting(study, [keeps_less]))
     assert sentence(finding) == snapshot(name="less precision than wanted is kept")
 
@@ -101,32 +101,32 @@ def test_a_share_that_is_not_known_is_a_dash() -> None:
     assert percent(NAN) == "–"
 
 
-def test_doubts_are_said_once_where_both_protocols_share_them(
-    study: Study, snapshot: SnapshotAssertion
+def test_caveats_are_said_once_where_both_protocols_share_them(
+    study: StudyResults, snapshot: SnapshotAssertion
 ) -> None:
-    def doubted(model: str, sequence: int, **doubts: tuple[float, float]) -> Result:
-        result = numbered(model, 20, blind_recall_at_1=(0.2, 0.75), **doubts)
+    def doubted(model: str, sequence: int, **caveats: tuple[float, float]) -> Result:
+        result = numbered(model, 20, blind_recall_at_1=(0.2, 0.75), **caveats)
         numbers = {
             key: values
             for key, values in result.numbers.items()
-            if key[1] in doubts or key[1] not in (VOID, *DOUBTS)
+            if key[1] in caveats or key[1] not in (DEGENERATE, *CAVEATS)
         }
         about = {"sequence": DAYS[sequence], "days": DAYS_AFTER[sequence]}
         return replace(result, rows=rows_of(numbers), **about)
 
-    keeps_less = doubted("a", 0, doubt_less_kept=(0.731, 0.731))
-    (doubt,) = findings.doubts(reporting(study, [keeps_less]))
-    assert sentence(doubt) == snapshot(name="less precision than wanted is kept")
-    void_by_distance = doubted("b", 0, void=(NAN, 1.0))
-    del void_by_distance.numbers["cells", VOID]
+    keeps_less = doubted("a", 0, caveat_less_precise=(0.731, 0.731))
+    (caveat,) = findings.caveats(reporting(study, [keeps_less]))
+    assert sentence(caveat) == snapshot(name="less precision than wanted is kept")
+    degenerate_by_distance = doubted("b", 0, degenerate=(NAN, 1.0))
+    del degenerate_by_distance.numbers["cells", DEGENERATE]
     results = [
         doubted("sci", 0),
-        doubted("a", 0, doubt_one_answer=(0.8, 0.8), doubt_no_threshold=(1, 1)),
-        void_by_distance,
+        doubted("a", 0, caveat_one_answer=(0.8, 0.8), caveat_no_threshold=(1, 1)),
+        degenerate_by_distance,
         doubted("b", 1),
     ]
-    doubts = findings.doubts(reporting(study, results))
-    assert [sentence(doubt) for doubt in doubts] == snapshot(name="by both, and by distance")
+    caveats = findings.caveats(reporting(study, results))
+    assert [sentence(caveat) for caveat in caveats] == snapshot(name="by both, and by distance")
 
 
 def against(
@@ -158,7 +158,7 @@ def test_the_paired_test_says_where_a_model_is_better_and_where_worse(
 
 
 def test_novelties_say_which_kind_tells_unseen_from_seen_best(
-    study: Study, snapshot: SnapshotAssertion
+    study: StudyResults, snapshot: SnapshotAssertion
 ) -> None:
     # ONE's entropy ranks 9 of 10 pairs right, its energy all; energy's threshold accepts the five
     # seen, three of them right.
@@ -173,7 +173,7 @@ def test_novelties_say_which_kind_tells_unseen_from_seen_best(
 
 
 def test_novelties_say_so_where_the_kind_in_use_is_best_or_alone(
-    study: Study, snapshot: SnapshotAssertion
+    study: StudyResults, snapshot: SnapshotAssertion
 ) -> None:
     result = replace(ONE[0], evaluation=replace(ONE[0].evaluation, kinds=("cost", "ratio")))
     by_cells = result.evaluation.cells
@@ -261,7 +261,7 @@ def test_slopes_are_counted_with_what_chance_would_give(snapshot: SnapshotAssert
 
 
 def test_confounders_say_what_else_differs_and_no_nan(
-    study: Study, snapshot: SnapshotAssertion
+    study: StudyResults, snapshot: SnapshotAssertion
 ) -> None:
     def result(days: int, unseen: float, turned: float) -> Result:
         return numbered("sci", days, queries=(10, 10), unseen=(unseen, 0), turned_share=(turned, 0))
@@ -342,7 +342,7 @@ def test_the_leader_is_ahead_of_the_next_three(models: int, snapshot: SnapshotAs
     assert sentence(findings.leader(given, TURNED, AUC)) == snapshot
 
 
-def test_without_queries_as_driven_nobody_leads(snapshot: SnapshotAssertion) -> None:
+def test_without_queries_unperturbed_nobody_leads(snapshot: SnapshotAssertion) -> None:
     turned_alone = compared({("sci", TURNED): [[[0.7], [0.8]]]}, {})
     assert sentence(findings.leader(turned_alone, DRIVEN, AUC)) == snapshot
 
@@ -376,7 +376,7 @@ def test_who_is_nearly_always_right_and_how_far_headings_are_off(
     assert sentence(findings.chance(right, removed)) == ""
 
 
-def test_chance_is_told_by_repeats_seeds_and_sequences(snapshot: SnapshotAssertion) -> None:
+def test_chance_is_reported_by_repeats_seeds_and_sequences(snapshot: SnapshotAssertion) -> None:
     chance = findings.chance(COMPARED, TURNED)
     names = [entry["name"] for entry in chance.values["deviations"]]
     assert names == ["repeat", "seed", "sequence"]
@@ -386,8 +386,8 @@ def test_chance_is_told_by_repeats_seeds_and_sequences(snapshot: SnapshotAsserti
 def test_shadows_of_walls_and_the_best_on_each_day(snapshot: SnapshotAssertion) -> None:
     (shadows,) = findings.shadows(BUILT)
     assert sentence(shadows) == snapshot(name="what walls hide")
-    without_shadow = compared({("sci", Kind("construction", 1.0)): [[[0.5]]]}, {})
-    assert findings.shadows(without_shadow) == []
+    shadowless = compared({("sci", Kind("construction", 1.0)): [[[0.5]]]}, {})
+    assert findings.shadows(shadowless) == []
     days = dict(zip(DAYS[:2], ("one", "two"), strict=True))
     assert sentence(findings.best_on_each(COMPARED, days)) == snapshot(name="the best on each day")
 
@@ -403,7 +403,7 @@ def ways(turned: Mapping[str, float], driven: Mapping[str, float], sequences: in
 
 
 @pytest.mark.parametrize(
-    ("four", "eight", "as_driven", "sequences", "verdict"),
+    ("four", "eight", "unperturbed", "sequences", "verdict"),
     [
         (0.79, 0.8, 0.8, 2, "both show here"),
         (0.69, 0.7, 0.7, 2, "the first shows here, the second does not"),
@@ -420,27 +420,27 @@ def ways(turned: Mapping[str, float], driven: Mapping[str, float], sequences: in
     ],
 )
 def test_four_ways_suffice_or_not(
-    four: float, eight: float, as_driven: float, sequences: int, verdict: str
+    four: float, eight: float, unperturbed: float, sequences: int, verdict: str
 ) -> None:
-    driven = {"sci": 0.8, "sci-4way": as_driven, "sci-8way": 0.8}
+    driven = {"sci": 0.8, "sci-4way": unperturbed, "sci-8way": 0.8}
     text = sentence(ways({"sci": 0.3, "sci-4way": four, "sci-8way": eight}, driven, sequences))
     assert (
-        f"and keeps normal performance: {verdict}. Turned, it keeps {four / as_driven:.0%}".replace(
+        f"and keeps normal performance: {verdict}. Turned, it keeps {four / unperturbed:.0%}".replace(
             "%", " %"
         )
         in text
     )
     assert text.endswith(
-        f"1-way 0.300 of 0.800, 4-way {four:.3f} of {as_driven:.3f}, 8-way {eight:.3f} of 0.800."
+        f"1-way 0.300 of 0.800, 4-way {four:.3f} of {unperturbed:.3f}, 8-way {eight:.3f} of 0.800."
     )
     assert "more ways add: 8-way" in text
-    assert "as driven, against fewer ways: 1-way" in text
+    assert "unperturbed, against fewer ways: 1-way" in text
 
 
 def test_four_ways_are_not_tested_without_others() -> None:
     assert "this study does not test it" in sentence(ways({"sci": 0.3}, {"sci": 0.8}))
 
 
-def test_a_section_says_what_it_rests_on(study: Study, snapshot: SnapshotAssertion) -> None:
+def test_a_section_says_what_it_rests_on(study: StudyResults, snapshot: SnapshotAssertion) -> None:
     assert sentence(findings.scope(study, 2, 3, 5)) == snapshot(name="repeats and seeds")
     assert sentence(findings.scope(study, 1, 1)) == snapshot(name="one of each")

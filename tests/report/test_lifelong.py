@@ -14,19 +14,19 @@ from pipeline.report import report
 from pipeline.report.brief import brief
 from pipeline.report.render import sentence
 from pipeline.report.strategies import Strategy, findings, read_strategies
-from pipeline.report.study import Study
-from pipeline.report.tables import adopted, asked_days, of_order
+from pipeline.report.study import StudyResults
+from pipeline.report.tables import of_order, pseudo_labelled, query_days
 from tests.report import learned
 from tests.report.studied import FEW
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
+def study(tmp_path_factory: pytest.TempPathFactory) -> StudyResults:
     return learned.build(Path(tmp_path_factory.mktemp("learned"), "artifacts"))
 
 
 @pytest.fixture(scope="module")
-def every(study: Study) -> list[Strategy]:
+def every(study: StudyResults) -> list[Strategy]:
     return read_strategies(study.rows)
 
 
@@ -35,9 +35,9 @@ def of(every: list[Strategy], *wanted: str) -> Strategy:
 
 
 def test_numbers_are_by_seed_and_step(every: list[Strategy]) -> None:
-    one = of(every, "sci", "days", "tuned")
+    one = of(every, "sci", "days", "fine_tuned")
     assert one.steps == [learned.TRAIN, learned.LEARNED]
-    assert one.groups == learned.ASKED
+    assert one.groups == learned.QUERIED
     assert one.over("recall_of_all", "cells").tolist() == [
         [0.5, 0.5],
         [0.5, 0.75],
@@ -45,8 +45,11 @@ def test_numbers_are_by_seed_and_step(every: list[Strategy]) -> None:
     assert one.matrix("cells").tolist() == [[0.5, 1.0], [0.25, 1.0]]  # the mean of 0 and .5
     assert one.over("cpu_s").tolist() == [[100.0, 2.0]] * 2
     assert np.isnan(one.over("wrong")).tolist() == [[True, True]] * 2
-    assert of(every, "sci", "updates", "trusting").last("wrong").tolist() == [3.0, 4.0]
-    first = of(every, "sad", "streets", "grown").matrix("distance")[0]
+    assert of(every, "sci", "self_training", "self_trained_all").last("wrong").tolist() == [
+        3.0,
+        4.0,
+    ]
+    first = of(every, "sad", "streets", "incremental").matrix("distance")[0]
     assert first[0] == pytest.approx(2 / 3)
     assert np.isnan(first[1])
 
@@ -57,13 +60,13 @@ def test_a_row_a_model_and_strategy_with_both_protocols_and_what_a_step_costs(
     only, *others = of_order("days", [one for one in every if one.order == "days"])
     assert not others
     assert [(row[0].text, row[1].text) for row in only.rows] == [
-        *(("sci", strategy) for strategy in ("frozen", "grown", "tuned", "joint")),
-        *(("sad", strategy) for strategy in ("frozen", "grown")),
+        *(("sci", strategy) for strategy in ("frozen", "incremental", "fine_tuned", "joint")),
+        *(("sad", strategy) for strategy in ("frozen", "incremental")),
     ]
-    tuned = [str(cell) for cell in only.rows[2][2:]]
+    fine_tuned = [str(cell) for cell in only.rows[2][2:]]
     # forgetting: (.5 - 0) and (1 - 1) of one seed, none of the other; transfer: the third query
     # stays right
-    assert tuned == [
+    assert fine_tuned == [
         *["0.625 ± .177", "0.625 ± .177", "0.125 ± .177", "0.000 ± .000"] * 2,
         "3 → 4",
         "3.0 ± 0.0",
@@ -71,21 +74,21 @@ def test_a_row_a_model_and_strategy_with_both_protocols_and_what_a_step_costs(
     ]
 
 
-def test_days_that_nobody_surveyed_have_counts_and_each_asked_day_before_and_after(
+def test_days_that_nobody_surveyed_have_counts_and_each_queried_day_before_and_after(
     every: list[Strategy],
 ) -> None:
-    updates = [one for one in every if one.order == "updates"]
-    assert [[str(cell) for cell in row[1:]] for row in adopted(updates).rows] == [
-        ["updated", "50 ± 0", "40 ± 0", "0 ± 0", "7 ± 0"],
-        ["trusting", "50 ± 0", "44 ± 1", "4 ± 1", "7 ± 0"],
+    self_training = [one for one in every if one.order == "self_training"]
+    assert [[str(cell) for cell in row[1:]] for row in pseudo_labelled(self_training).rows] == [
+        ["self_trained", "50 ± 0", "40 ± 0", "0 ± 0", "7 ± 0"],
+        ["self_trained_all", "50 ± 0", "44 ± 1", "4 ± 1", "7 ± 0"],
     ]
-    days = asked_days(updates, "distance")
-    assert days.header == ("model", "strategy", "when", *learned.ASKED)
+    days = query_days(self_training, "distance")
+    assert days.header == ("model", "strategy", "when", *learned.QUERIED)
     assert [[cell.text for cell in row[1:]] for row in days.rows] == [
-        ["updated", "before", "0.500", "1.000"],
-        ["updated", "after", "1.000", "0.500"],
-        ["trusting", "before", "0.500", "1.000"],
-        ["trusting", "after", "0.500", "0.000"],
+        ["self_trained", "before", "0.500", "1.000"],
+        ["self_trained", "after", "1.000", "0.500"],
+        ["self_trained_all", "before", "0.500", "1.000"],
+        ["self_trained_all", "after", "0.500", "0.000"],
     ]
 
 
@@ -105,7 +108,7 @@ def test_findings_say_by_how_much_and_over_how_many_seeds(
 
 
 def test_the_report_and_the_page_are_whole(
-    study: Study, tmp_path: Path, snapshot: SnapshotAssertion
+    study: StudyResults, tmp_path: Path, snapshot: SnapshotAssertion
 ) -> None:
     line = report.write(
         tmp_path / "report",
@@ -136,15 +139,15 @@ def test_the_report_and_the_page_are_whole(
     assert max(map(len, text.splitlines())) <= 160
 
 
-def test_a_terminal_shows_strategies_in_a_few_lines(study: Study) -> None:
+def test_a_terminal_shows_strategies_in_a_few_lines(study: StudyResults) -> None:
     text = brief(study.table, {"campus": learned.SETTINGS}, 78)
     lines = text.splitlines()
     assert len(lines) <= 12
     assert max(map(len, lines)) <= 78
     assert lines[0] == "campus, simulated: learned further days, cells of 10 m, right within 15 m"
-    assert next(line for line in lines if "tuned" in line).split() == [
+    assert next(line for line in lines if "fine_tuned" in line).split() == [
         "sci",
-        "tuned",
+        "fine_tuned",
         "0.625",
         "0.125",
         *["–"] * 4,
@@ -152,16 +155,16 @@ def test_a_terminal_shows_strategies_in_a_few_lines(study: Study) -> None:
     assert "… and 1 more" in text
     narrow = brief(study.table, {"campus": learned.SETTINGS}, 60).splitlines()
     assert max(map(len, narrow)) <= 60
-    assert next(line for line in narrow if "tuned" in line).split() == [
+    assert next(line for line in narrow if "fine_tuned" in line).split() == [
         "sci",
-        "tuned",
+        "fine_tuned",
         "0.625",
         "–",
         "–",
     ]
 
 
-def test_without_rows_nothing_is_printed_but_the_title(study: Study) -> None:
+def test_without_rows_nothing_is_printed_but_the_title(study: StudyResults) -> None:
     assert (
         len(
             brief(where(study.table, {"grid": "5m"}), {"campus": learned.SETTINGS}, 78).splitlines()

@@ -19,7 +19,7 @@ import yaml
 from pipeline.report import render
 from pipeline.report.alignment import best_shift, best_shifts, spectra
 from pipeline.report.result import PRECISIONS, coverage
-from pipeline.report.study import Study
+from pipeline.report.study import StudyResults
 from pipeline.report.web.front import front, rivals
 from pipeline.report.web.map import COLUMNS, LEVELS, Views, chart, indices, quantized, sheet
 from pipeline.report.web.page import Entry, Picture, html
@@ -49,7 +49,7 @@ const run = () => {
   const rows = () => [...table.tBodies[0].rows, ...table.tFoot.rows].map((row) => row.cells[0].textContent.trim());
   const head = table.tHead.rows[0].cells[1];
   for (let n = 0; n < 3; n++) { head.firstElementChild.click(); shown[head.getAttribute("aria-sort")] = rows(); }
-  shown.believed = words(get("legend"));
+  shown.accepted = words(get("legend"));
   shown.opened = [...query().slice(0, 3), words(get("scans"))[0]];
   get("by").value = "distance";
   get("by").dispatchEvent(new Event("change"));
@@ -88,7 +88,7 @@ addEventListener("load", wait);
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Study]:
+def built(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StudyResults]:
     """The study; the words are the page's own and some for the study."""
     own = yaml.safe_load(render.part("words.yaml"))
     words = own | {group: own[group] | texts for group, texts in WORDS.items()}
@@ -98,13 +98,13 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Study]:
 
 
 @pytest.fixture
-def given(built: Study) -> Study:
+def given(built: StudyResults) -> StudyResults:
     """The study without what others have read of it."""
     return replace(built)
 
 
 @pytest.fixture(scope="module")
-def page(built: Study) -> str:
+def page(built: StudyResults) -> str:
     return html(entries(built), LOCK)
 
 
@@ -164,13 +164,13 @@ def test_simulated_data_are_called_so_and_text_stays_text(page: str) -> None:
 def test_the_first_screen_answers_before_all_else(page: str) -> None:
     first, _, below = page.partition("Every method, every day")
     assert "<h1>Learned in one day. Still right after 152\N{NO-BREAK SPACE}days?</h1>" in first
-    believed, recall = re.findall(r'<section class="card.*?</section>', first, re.DOTALL)
+    accepted, recall = re.findall(r'<section class="card.*?</section>', first, re.DOTALL)
     assert [re.sub("<.*?>", "", one) for one in re.findall(r'<p class="big">(.*?)</p>', first)] == [
         "10 answers, 5 of them wrong",
         "80\N{NO-BREAK SPACE}% → 60\N{NO-BREAK SPACE}%",
     ]
-    assert re.findall(r'data-key="(\d)"', believed) == [*"521", *"531"]  # day by day
-    assert "2 wrong answers were refused." in believed
+    assert re.findall(r'data-key="(\d)"', accepted) == [*"521", *"531"]  # day by day
+    assert "2 wrong answers were refused." in accepted
     assert "<code>m2dp</code>: 40\N{NO-BREAK SPACE}% → 20\N{NO-BREAK SPACE}%" in recall
     assert below.index('data-model="sci" data-day="2012-06-15"') < below.index(
         'data-model="m2dp" data-day="2012-02-04"'
@@ -189,7 +189,7 @@ def test_the_first_screen_answers_before_all_else(page: str) -> None:
     assert re.findall(r'data-key="([\d.]+)"', turned[1]) == ["0.8", "0.6", "0", "0.4", "0.2", "0"]
 
 
-def test_a_method_trained_too_little_is_folded_away_with_the_reason(given: Study) -> None:
+def test_a_method_trained_too_little_is_folded_away_with_the_reason(given: StudyResults) -> None:
     vars(given)["cut_short"] = {"m2dp": 0.05}
     shown = html([Entry(given, [], front(given))], LOCK)
     first, _, below = shown.partition("Every method, every day")
@@ -223,7 +223,7 @@ def test_the_best_model_is_set_against_a_baseline_with_the_same_kind_of_answers(
     assert rivals(settings, best, [name for name in compared if name in names]) == expected
 
 
-def test_the_first_screen_says_where_poses_are_left_out(given: Study) -> None:
+def test_the_first_screen_says_where_poses_are_left_out(given: StudyResults) -> None:
     one = front(given)
     with_poses = [replace(result, model="sci-pose") for result in one["best"]]
     text = render.words("front", "recall", **{**one, "best": with_poses, "one": one})
@@ -231,7 +231,7 @@ def test_the_first_screen_says_where_poses_are_left_out(given: Study) -> None:
     assert "The best baseline, `m2dp`: 40 % → 20 %." in text
 
 
-def test_a_study_that_changed_since_it_was_measured_is_named(given: Study) -> None:
+def test_a_study_that_changed_since_it_was_measured_is_named(given: StudyResults) -> None:
     says = "was changed in conf/studies.yaml after this was measured"
     assert says in html(entries(given), LOCK, ["campus"])
     assert says not in html(entries(given), LOCK, ["town"])
@@ -259,7 +259,9 @@ def test_a_dot_of_a_chart_names_its_result_and_opens_it(page: str) -> None:
     assert "<title>sci, at its own threshold: answers 71.4 %, 40 % of them right; it keeps" in page
 
 
-def test_the_page_shows_what_it_is_given_and_says_what_is_missing(given: Study, page: str) -> None:
+def test_the_page_shows_what_it_is_given_and_says_what_is_missing(
+    given: StudyResults, page: str
+) -> None:
     missing = page.partition("About this page")[2]
     assert "lost.svg: no such figure; <code>dvc repro</code> draws it" in missing
     # the figures of the other section still lie in the folder
@@ -270,7 +272,7 @@ def test_the_page_shows_what_it_is_given_and_says_what_is_missing(given: Study, 
     assert html(entries(given), LOCK) == page
 
 
-def test_a_section_as_markdown(given: Study) -> None:
+def test_a_section_as_markdown(given: StudyResults) -> None:
     root = given.layout.root
     section = sections(root)[1]
     text = render.template("section.md.j2", section=section, simulated=True, folder=root)
@@ -327,8 +329,11 @@ def test_numbers_are_packed_in_steps_and_none_is_the_lowest() -> None:
     assert indices(np.array([3, -1]))["dtype"] == "u2"
 
 
-def moved(study: Study, query: int, answer_xy_m: np.ndarray, path_xy_m: np.ndarray) -> Study:
-    """The study with another training path, and another answer of sci to a query of the first day."""
+def moved(
+    study: StudyResults, query: int, answer_xy_m: np.ndarray, path_xy_m: np.ndarray
+) -> StudyResults:
+    """The study with another training path, and another answer of sci to a query of the first
+    day."""
     results = list(study.results)
     i = next(i for i, result in enumerate(results) if result.model == "sci")
     evaluation = results[i].evaluation
@@ -340,7 +345,7 @@ def moved(study: Study, query: int, answer_xy_m: np.ndarray, path_xy_m: np.ndarr
 
 
 def test_the_map_tells_training_rows_beyond_65535_apart(
-    given: Study, monkeypatch: pytest.MonkeyPatch
+    given: StudyResults, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # the query at x = 0 is nearest to row 69,990
     path_xy_m = np.stack([np.arange(70_000.0) - 69_990, np.zeros(70_000)], axis=1)
@@ -355,7 +360,7 @@ def test_the_map_tells_training_rows_beyond_65535_apart(
     assert from_middle_m == pytest.approx(XY_M)
 
 
-def test_the_map_tells_apart_what_lies_as_far_out_as_utm(given: Study) -> None:
+def test_the_map_tells_apart_what_lies_as_far_out_as_utm(given: StudyResults) -> None:
     """float32 holds 4,000,000 m to a quarter of a metre; the answer lies a tenth east of the first
     pose of a path 2 m long."""
     path_xy_m = np.array([500_000.0, 4_000_000.0]) + np.array([[0.0, 0.0], [2.0, 0.0]])
@@ -395,18 +400,18 @@ def test_a_browser_sorts_tables_and_shows_a_query_beside_its_match(
         "descending": ["late <b>", "sci", "m2dp", "mean"],
         "ascending": ["sci", "late <b>", "m2dp", "mean"],
         "null": ["sci", "m2dp", "late <b>", "mean"],
-        "believed": [
-            "right, believed 2",
+        "accepted": [
+            "right, accepted 2",
             "right, refused 1",
-            "wrong, believed 3",
+            "wrong, accepted 3",
             "wrong, refused 1",
             "training path",
         ],
         "opened": [
-            "Query 5 of 7",  # the first believed one from the middle on
-            "believed, and right: within 15 m",
+            "Query 5 of 7",  # the first accepted one from the middle on
+            "accepted, and right: within 15 m",
             "1.0 m from query to answer",
-            "Laid where the answer says, 1.0 m off (its true heading): believed",
+            "Laid where the answer says, 1.0 m off (its true heading): accepted",
         ],
         "by distance": [
             "right, accepted 2",

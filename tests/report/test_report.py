@@ -10,7 +10,7 @@ from syrupy.assertion import SnapshotAssertion
 
 from pipeline.core.errors import ArtifactError
 from pipeline.report import report
-from pipeline.report.study import Study
+from pipeline.report.study import StudyResults
 from tests.report.studied import FEW, SETTINGS
 
 SECTIONS = [
@@ -31,7 +31,7 @@ SECTIONS = [
 
 
 @pytest.fixture(scope="module")
-def written(study: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(study: StudyResults, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of the report, beside the other artifacts."""
     folder = tmp_path_factory.mktemp("written") / "report"
     line = report.write(
@@ -77,13 +77,13 @@ def test_the_page_shows_the_best_models_figures_alone_and_every_chapter(written:
     )
 
 
-def test_without_studies_there_is_nothing_to_report(study: Study, tmp_path: Path) -> None:
+def test_without_studies_there_is_nothing_to_report(study: StudyResults, tmp_path: Path) -> None:
     with pytest.raises(ArtifactError, match="nothing to report yet"):
         report.write(tmp_path, study.layout, {}, study.table, FEW, lambda name: pytest.fail(name))
 
 
 def test_a_terminal_shows_the_main_numbers_and_where_the_report_lies(
-    study: Study, written: Path, snapshot: SnapshotAssertion
+    study: StudyResults, written: Path, snapshot: SnapshotAssertion
 ) -> None:
     text = report.terminal_text(study, 31)
     assert (written / "campus/10m/results.txt").read_text() == text + "\n"

@@ -27,28 +27,28 @@ MADE = {
         "posed",
         "pose_answers",
     },
-    "findings": {"growth_forgets", "below_joint"},
+    "findings": {"incremental_forgets", "below_joint"},
     "figures": {
         "novelty",
         "rejection",
         "reliability",
         "matches",
         "verdicts",
-        "chances",
+        "probabilities",
         "failures",
     },
     "sections": {"turned", "demolition", "construction"},
 }
-"""Kinds that are put together of several words, named by an alteration, or made in a loop."""
+"""Kinds that are put together of several words, named by a perturbation, or made in a loop."""
 
 
 def strings() -> Iterator[str]:
     """All strings in the code of the report, but its docstrings."""
-    told = {id(node.value) for node in NODES if isinstance(node, ast.Expr)}
+    reported = {id(node.value) for node in NODES if isinstance(node, ast.Expr)}
     yield from (
         n.value
         for n in NODES
-        if isinstance(n, ast.Constant) and isinstance(n.value, str) and id(n) not in told
+        if isinstance(n, ast.Constant) and isinstance(n.value, str) and id(n) not in reported
     )
 
 

@@ -1,4 +1,4 @@
-"""A sweep's table, what held-out blocks choose, and its report."""
+"""A sweep's table, what validation blocks choose, and its report."""
 
 from pathlib import Path
 
@@ -11,10 +11,15 @@ from pipeline.sweeps.record import Record
 
 
 def record(
-    number: int, cell: str, n_way: str, auc: float, held_out: float | None, error: str | None = None
+    number: int,
+    cell: str,
+    n_way: str,
+    auc: float,
+    validation: float | None,
+    error: str | None = None,
 ) -> Record:
-    told = {"grid.cell_m": cell, "method.n_way": n_way, "budget": "demo", "hydra.verbose": "1"}
-    rows = [] if held_out is None else [row("held_out_auc", "cells", held_out)]
+    reported = {"grid.cell_m": cell, "method.n_way": n_way, "budget": "demo", "hydra.verbose": "1"}
+    rows = [] if validation is None else [row("validation_auc", "cells", validation)]
     for off in () if error else (0.0, 0.2):
         cells = {
             "auc_top1": auc - off,
@@ -28,7 +33,7 @@ def record(
             "distance": cells | {"recall_at_1": 0.6 + off},
         }.items():
             rows += [row(name, protocol, value) for name, value in numbers.items()]
-    return Record(number, told, "campus", True, "sci", error, rows)
+    return Record(number, reported, "campus", True, "sci", error, rows)
 
 
 BROKEN = record(3, "10", "7", 0.0, None, "n_way=7: must divide 120")
@@ -40,7 +45,7 @@ JOBS = [
 ]
 
 
-def test_a_sweep_has_a_row_a_job_and_held_out_blocks_choose_within_each_grid(
+def test_a_sweep_has_a_row_a_job_and_validation_blocks_choose_within_each_grid(
     tmp_path: Path, snapshot: SnapshotAssertion
 ) -> None:
     text = sweep.write(tmp_path, JOBS, {"hydra.verbose": "1"})
@@ -68,7 +73,7 @@ def test_a_sweep_has_a_row_a_job_and_held_out_blocks_choose_within_each_grid(
     assert (tmp_path / "sweep.txt").read_text() == text
 
 
-def test_a_sweep_in_which_all_failed_is_told_and_not_drawn(tmp_path: Path) -> None:
+def test_a_sweep_in_which_all_failed_is_reported_and_not_drawn(tmp_path: Path) -> None:
     assert sweep.write(tmp_path, [BROKEN], {}).startswith(
         "simulated campus: 1 job, grid.cell_m=10, method.n_way=7"
     )

@@ -35,7 +35,7 @@ def test_a_file_that_cannot_be_read_is_named_with_what_to_do(tmp_path: Path, how
     (path := tmp_path / "a.yaml").touch()
     broken(path, how)
     with pytest.raises(
-        ConfigError, match=r"^\S+a\.yaml: [^\n]*; mend it, or let `git checkout` bring it back$"
+        ConfigError, match=r"^\S+a\.yaml: [^\n]*; fix it, or let `git checkout` bring it back$"
     ):
         read_yaml(path)
     with pytest.raises(ConfigError, match=r"(a|lists)\.yaml"):

@@ -109,7 +109,7 @@ def test_of_another_kind_or_torn_is_said_as_of_a_local_one(
         store.read(f"{bucket}/b.zarr", Things)
 
 
-def test_no_such_key_and_no_such_bucket_are_told_apart(keys: ObjectStore) -> None:
+def test_no_such_key_and_no_such_bucket_are_reported_apart(keys: ObjectStore) -> None:
     bucket = keys.bucket("empty")
     with pytest.raises(
         ArtifactError, match=r"^s3://empty/a\.zarr/zarr\.json: not in the object store \(empty/a"
@@ -129,7 +129,7 @@ def test_no_such_key_and_no_such_bucket_are_told_apart(keys: ObjectStore) -> Non
         ({"AWS_ACCESS_KEY_ID": "", "AWS_SECRET_ACCESS_KEY": ""}, "Unable to locate credentials"),
     ],
 )
-def test_wrong_keys_are_told_and_not_shown(
+def test_wrong_keys_are_reported_and_not_shown(
     keys: ObjectStore, monkeypatch: pytest.MonkeyPatch, changed: dict[str, str], reason: str
 ) -> None:
     for name, value in changed.items():
@@ -143,7 +143,7 @@ def test_wrong_keys_are_told_and_not_shown(
 
 
 @pytest.mark.parametrize("address", ["http://127.0.0.1:{port}", "no address"])
-def test_a_store_that_does_not_answer_is_told(
+def test_a_store_that_does_not_answer_is_reported(
     keys: ObjectStore, monkeypatch: pytest.MonkeyPatch, address: str
 ) -> None:
     monkeypatch.setenv("AWS_ENDPOINT_URL", address.format(port=free_port()))

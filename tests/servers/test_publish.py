@@ -179,7 +179,7 @@ def test_the_page_shows_runs_and_files_and_no_process_shows_the_password(
         try:
             wait(lambda: listening(port), "MLflow")
             page = f"http://127.0.0.1:{port}"
-            told = requests.get(
+            reported = requests.get(
                 f"{page}/api/2.0/mlflow/runs/get", {"run_id": run_id}, timeout=60
             ).json()
             figure = requests.get(
@@ -192,7 +192,7 @@ def test_the_page_shows_runs_and_files_and_no_process_shows_the_password(
             for process in [*server.children(recursive=True), server]:
                 process.terminate()
             server.wait()
-    assert told["run"]["data"]["metrics"][0]["value"] == 0.9
+    assert reported["run"]["data"]["metrics"][0]["value"] == 0.9
     assert figure == "<svg/>"
     assert not [line for line in [*lines, log.read_text()] if postgres.password in line]
 
@@ -205,7 +205,7 @@ def test_the_page_shows_runs_and_files_and_no_process_shows_the_password(
         ("nobody", "not-it", "runs", 'password authentication failed for user "nobody"'),
     ],
 )
-def test_who_is_refused_is_told_in_one_line_without_a_password(
+def test_who_is_refused_is_reported_in_one_line_without_a_password(
     postgres: Postgres, shared: Shared, user: str, password: str, name: str, said: str
 ) -> None:
     with pytest.raises(ConfigError) as error:
@@ -218,7 +218,7 @@ def test_who_is_refused_is_told_in_one_line_without_a_password(
     assert "\n" not in line
 
 
-def test_a_server_that_is_not_there_is_told_in_one_line(shared: Shared) -> None:
+def test_a_server_that_is_not_there_is_reported_in_one_line(shared: Shared) -> None:
     with pytest.raises(
         ConfigError,
         match=r"^tracking\.database=\S*u:\*\*\*@127.0.0.1:\d+/x: cannot be opened: .*refused$",
@@ -226,7 +226,7 @@ def test_a_server_that_is_not_there_is_told_in_one_line(shared: Shared) -> None:
         Shared(f"postgresql://u:secret@127.0.0.1:{free_port()}/x", shared.files).publish()
 
 
-def test_a_server_that_goes_while_runs_are_written_is_told_in_one_line_and_the_next_time_goes_on(
+def test_a_server_that_goes_while_runs_are_written_is_reported_in_one_line_and_the_next_time_goes_on(
     postgres: Postgres,
     keys: ObjectStore,
     shared: Shared,
@@ -246,7 +246,7 @@ def test_a_server_that_goes_while_runs_are_written_is_told_in_one_line_and_the_n
         if given[2].name != "sci":  # a run is whole once its children are
             return
         with psycopg.connect(postgres.url("postgres"), autocommit=True) as connection:
-            connection.execute("alter database goes allow_connections false")
+            connection.execute("perturb database goes allow_connections false")
             connection.execute(
                 "select pg_terminate_backend(pid) from pg_stat_activity where datname = 'goes'"
             )
@@ -262,7 +262,7 @@ def test_a_server_that_goes_while_runs_are_written_is_told_in_one_line_and_the_n
         entry.message for entry in caplog.records if entry.levelname in ("ERROR", "CRITICAL")
     ] == []
     with psycopg.connect(postgres.url("postgres"), autocommit=True) as connection:
-        connection.execute("alter database goes allow_connections true")
+        connection.execute("perturb database goes allow_connections true")
     monkeypatch.undo()
     for name, value in keys.env.items():
         monkeypatch.setenv(name, value)
@@ -270,7 +270,7 @@ def test_a_server_that_goes_while_runs_are_written_is_told_in_one_line_and_the_n
     assert (done.written, done.kept) == (1, 2)
 
 
-def test_a_bucket_that_goes_while_runs_are_written_is_told_in_one_line(
+def test_a_bucket_that_goes_while_runs_are_written_is_reported_in_one_line(
     postgres: Postgres,
     keys: ObjectStore,
     shared: Shared,
@@ -296,7 +296,7 @@ def test_a_bucket_that_goes_while_runs_are_written_is_told_in_one_line(
     assert "\n" not in str(error.value)
 
 
-def test_a_bucket_that_is_not_there_is_told_before_anything_is_written(shared: Shared) -> None:
+def test_a_bucket_that_is_not_there_is_reported_before_anything_is_written(shared: Shared) -> None:
     with pytest.raises(
         ConfigError, match=r"^tracking\.artifacts: s3://nowhere: not in the object store"
     ):

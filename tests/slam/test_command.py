@@ -31,9 +31,9 @@ def test_a_folder_of_clouds_becomes_a_trajectory_a_map_and_a_picture(
     np.testing.assert_allclose(poses[:, :2, 3], way[:, :2, 3], atol=0.1)
     assert len(pcd.decode(whole.read_bytes(), whole, 2**28)) > 1000
     assert picture.read_bytes().startswith(b"\x89PNG")
-    told = capsys.readouterr().err
-    assert "8 of 8 scans have a pose" in told
-    assert "no loop" in told
+    reported = capsys.readouterr().err
+    assert "8 of 8 scans have a pose" in reported
+    assert "no loop" in reported
 
 
 def test_a_command_without_outputs_or_with_wrong_endings_is_refused_at_once(

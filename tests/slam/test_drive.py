@@ -34,7 +34,7 @@ def estimate(log: Log) -> Estimates:
 
 
 def off_m(estimate: Estimates, world_T_scan: np.ndarray) -> np.ndarray:
-    """How far the poses (n,) are from the true ones, in metres, the first laid on one another."""
+    """How far the poses (n,) are from the true ones, in metres, the first placed on one another."""
     laid = world_T_scan[0] @ np.linalg.inv(estimate.world_T_scan[0]) @ estimate.world_T_scan
     return distance_and_turn(laid, world_T_scan)[0]
 
@@ -50,8 +50,8 @@ def test_loops_join_the_second_round_with_the_first(estimate: Estimates) -> None
     assert len(estimate.used) >= 3
     assert estimate.used.all()
     assert np.abs(estimate.later - estimate.earlier - ROUND).max() <= 12
-    truth = np.linalg.inv(circle(COUNT)[estimate.earlier]) @ circle(COUNT)[estimate.later]
-    assert distance_and_turn(estimate.earlier_T_later, truth)[0].max() < 0.2
+    ground_truth = np.linalg.inv(circle(COUNT)[estimate.earlier]) @ circle(COUNT)[estimate.later]
+    assert distance_and_turn(estimate.earlier_T_later, ground_truth)[0].max() < 0.2
     assert estimate.residual_m.max() < 0.2
 
 

@@ -1,4 +1,5 @@
-"""A further day is laid onto the map of the training day, and its poses are read from the artifact."""
+"""A further day is aligned with the map of the training day, and its poses are read from the
+artifact."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -8,10 +8,10 @@ from pipeline.studies.study import Study
 
 CONF = Path(__file__).parents[2] / "conf"
 TABLE: dict[str, Any] = {
-    "question": "year",
+    "experiment": "year",
     "world": "campus_tiny",
     "source": "world",
-    "heeds": "simulated",
+    "reads": "simulated",
     "root": "artifacts/logs/campus",
     "train": "2012-01-15",
     "tests": ["2012-02-04"],

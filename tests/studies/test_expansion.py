@@ -17,7 +17,7 @@ from tests.studies.made import CONF, study
 
 SCI = {"name": "sci", "view": "sc", "code": "sci.py"}
 M2DP = {"name": "m2dp", "view": "cloud", "code": "m2dp.py"}
-DRIVE = {"world": "w", "source": "world", "heeds": "simulated", "root": "r"}
+DRIVE = {"world": "w", "source": "world", "reads": "simulated", "root": "r"}
 METHODS = [SCI, M2DP, {"name": "sc50", "view": "sc", "code": "sc50.py"}]
 ASKED = {
     "submap": "single",
@@ -25,12 +25,12 @@ ASKED = {
     "tests": ["b", "c"],
     "grids": ["5m", "10m"],
     "budget": "tiny",
-    "question": "year",
+    "experiment": "year",
 }
 ONE: dict[str, Any] = {**DRIVE, **ASKED, "methods": METHODS}
 OTHER = ONE | {"train": "b", "tests": ["d"], "grids": ["10m"], "methods": [SCI]}
 SEEN_FROM_ABOVE = {"name": "pfl", "view": "bird", "code": "pfl", "stage": "birdviews", "seeds": 2}
-TURNED = OTHER | {"train": "e f", "methods": [SEEN_FROM_ABOVE], "question": "viewpoints"}
+TURNED = OTHER | {"train": "e f", "methods": [SEEN_FROM_ABOVE], "experiment": "viewpoints"}
 
 
 def made(**tables: dict[str, Any]) -> dict[str, Study]:
@@ -57,7 +57,7 @@ def test_every_stage_gets_one_instance_for_each_of_its_names() -> None:
         "latency": 3,
         "results": 2,
     }
-    # nothing is altered: views 2 + 1; neither has viewpoints, events, further days or estimated
+    # nothing is perturbed: views 2 + 1; neither has viewpoints, events, further days or estimated
     # poses: 4 + 4
     further = {"published": 2, "report": 1, "absent": 11}
     assert counts == dict.fromkeys(LISTS, 0) | year | further
@@ -72,7 +72,7 @@ def test_every_stage_gets_one_instance_for_each_of_its_names() -> None:
     }
     assert lists["models"]["one-5m-m2dp"] == place | own
     assert lists["rankings"]["one-5m-m2dp"]["tests"] == "b c"
-    assert lists["absent"]["one-cloud-altered"] == {"out": "artifacts/altered/one/cloud"}
+    assert lists["absent"]["one-cloud-perturbed"] == {"out": "artifacts/perturbed/one/cloud"}
     (word,) = shlex.split(lists["report"]["all"]["studies"])
     studies = yaml.safe_load(word.removeprefix("studies="))
     assert [study["name"] for study in studies] == ["one", "other"]
@@ -132,25 +132,25 @@ def test_methods_that_look_at_bird_views_are_asked_about_viewpoints_beside_the_y
 
 def test_a_variant_may_look_at_another_view() -> None:
     variants = {"other": "method.view=sc2", "own": "method.n_way=4"}
-    asked = {"question": "robustness", "altered": {"turned": ["d"]}}
+    asked = {"experiment": "robustness", "perturbed": {"turned": ["d"]}}
     lists = expanded(one=OTHER | {"methods": [SCI | {"variants": variants}], **asked})
     assert list(lists["views"]) == ["one-sc", "one-sc2"]
-    assert list(lists["altered"]) == ["one-sc-turned", "one-sc2-turned"]
+    assert list(lists["perturbed"]) == ["one-sc-turned", "one-sc2-turned"]
     for model, view in (("sci", "sc"), ("sci-own", "sc"), ("sci-other", "sc2")):
         assert lists["models"][f"one-10m-{model}"]["view"] == view
         assert lists["rankings"][f"one-10m-{model}"]["view"] == view
     assert lists["models"]["one-10m-sci-other"]["recipe"] == "method=sci method.view=sc2"
 
 
-def test_robustness_adds_sequences_cells_variants_and_alterations() -> None:
+def test_robustness_adds_sequences_cells_variants_and_perturbations() -> None:
     variants = {"4way": "method.n_way=4 method.epochs=100"}
     methods = [SCI | {"seeds": 2, "variants": variants}, M2DP]
     asked = {
         "stress": {"x": "heavy"},
         "cells": ["20m"],
-        "altered": {"turned": ["d"], "construction": ["d"]},
+        "perturbed": {"turned": ["d"], "construction": ["d"]},
     }
-    lists = expanded(one=OTHER | {"question": "robustness", "methods": methods, **asked})
+    lists = expanded(one=OTHER | {"experiment": "robustness", "methods": methods, **asked})
     # of the study's own cells each variant with each seed; of the further ones the methods as they
     # are
     models = (
@@ -174,17 +174,17 @@ def test_robustness_adds_sequences_cells_variants_and_alterations() -> None:
     own, seed, further = (
         lists["rankings"][f"one-{name}"] for name in ("10m-sci", "10m-sci-seed1", "20m-sci")
     )
-    assert (own["tests"], own["alterations"]) == ("d x", "turned construction")
+    assert (own["tests"], own["perturbations"]) == ("d x", "turned construction")
     # walls are asked about of the method's own model
-    assert (seed["tests"], seed["alterations"]) == ("d x", "turned")
-    assert (further["tests"], further["alterations"]) == ("d", "")
-    assert list(lists["altered"]) == [
+    assert (seed["tests"], seed["perturbations"]) == ("d x", "turned")
+    assert (further["tests"], further["perturbations"]) == ("d", "")
+    assert list(lists["perturbed"]) == [
         f"one-{view}-{name}" for view in ("sc", "cloud") for name in ("turned", "construction")
     ]
-    assert lists["altered"]["one-sc-turned"] == {
+    assert lists["perturbed"]["one-sc-turned"] == {
         "view": "sc",
         "dataset": "one",
-        "alteration": "turned",
+        "perturbation": "turned",
         "sequences": "d",
     }
     assert lists["events"]["one"]["sequences"] == "d"

@@ -12,7 +12,7 @@ from tests.studies.made import study
 
 def test_results_of_another_study_are_stale(tmp_path: Path) -> None:
     layout = Layout(tmp_path)
-    campus = study(stress={"00": "all reversed"}, altered={"turned": ["2012-02-04"]})
+    campus = study(stress={"00": "all reversed"}, perturbed={"turned": ["2012-02-04"]})
     folder = layout.path("results", "campus")
     folder.mkdir(parents=True)
     assert measured.stale(layout, {"campus": campus}) == ["campus"]  # nothing says of which study

@@ -10,10 +10,10 @@ from pipeline.studies.proposal import (
     Request,
     propose,
     refuse_unposed,
-    with_alterations,
+    with_experiment,
     with_models,
+    with_perturbations,
     with_poses,
-    with_question,
     with_scale,
     with_stress,
     with_timing,
@@ -23,7 +23,7 @@ from tests.studies.made import CONF, RECORDED, study
 DEFAULTS: dict[str, Any] = {
     "stress": {"demo": {"s": "all reversed"}, "tiny": {}},
     "variants": {"sci": {"4way": "method.n_way=4"}, "sad": {"far": "method.far=1"}},
-    "altered": {"turned": 2},
+    "perturbed": {"turned": 2},
     "poses": {"demo": ["sci"]},
 }
 PLAIN = study(tests=["a", "b", "c"], methods=["sci", "m2dp"])
@@ -34,8 +34,12 @@ def asked(**options: str) -> Request:
     return Request(CONF, options, DEFAULTS)
 
 
-def test_a_data_sets_variants_of_a_question_stand_beside_those_of_the_question() -> None:
-    options = {"question": "viewpoints", "methods": "pfl,afl,sad", "variants": "30m,paper,logistic"}
+def test_a_data_sets_variants_of_a_experiment_stand_beside_those_of_the_experiment() -> None:
+    options = {
+        "experiment": "viewpoints",
+        "methods": "pfl,afl,sad",
+        "variants": "30m,paper,logistic",
+    }
     suburb, _ = propose(CONF, "suburb", options)
     pfl, afl, sad = suburb.methods
     assert pfl.variants.keys() == {"30m", "paper", "logistic"}
@@ -75,10 +79,10 @@ def test_only_what_draws_at_random_has_seeds_and_only_listed_methods_have_varian
         with_models(PLAIN, asked(variants="far"))
 
 
-def test_altered_sequences_are_spread_from_the_first_to_the_last() -> None:
-    assert with_alterations(PLAIN, asked()).altered == {"turned": ("a", "c")}
-    assert with_alterations(PLAIN, asked(altered="")).altered == {}
-    cells = with_alterations(PLAIN, asked(cells="5m,20m")).cells
+def test_perturbed_sequences_are_spread_from_the_first_to_the_last() -> None:
+    assert with_perturbations(PLAIN, asked()).perturbed == {"turned": ("a", "c")}
+    assert with_perturbations(PLAIN, asked(perturbed="")).perturbed == {}
+    cells = with_perturbations(PLAIN, asked(cells="5m,20m")).cells
     assert [cell.cell_m for cell in cells] == [5.0, 20.0]
 
 
@@ -101,10 +105,12 @@ def test_slam_among_poses_is_no_model() -> None:
 
 
 def test_logs_without_poses_need_slam_and_parts_by_time() -> None:
-    without = {"truth": None}
-    with pytest.raises(ConfigError, match=r"reader.truth of its yaml names no poses; say poses="):
+    without = {"ground_truth": None}
+    with pytest.raises(
+        ConfigError, match=r"reader.ground_truth of its yaml names no poses; say poses="
+    ):
         refuse_unposed(PLAIN, without)
-    refuse_unposed(PLAIN, {"truth": "/odom"})
+    refuse_unposed(PLAIN, {"ground_truth": "/odom"})
     refuse_unposed(replace(PLAIN, slam=True), without)
     refuse_unposed(replace(PLAIN, slam=True, tests=("a+time2of2",)), without)
     with pytest.raises(ConfigError, match=r"a\+path2of2: a part by path"):
@@ -113,11 +119,11 @@ def test_logs_without_poses_need_slam_and_parts_by_time() -> None:
 
 def test_viewpoints_need_methods_on_bird_views_and_latency_is_yes_or_no() -> None:
     with pytest.raises(ConfigError, match="methods=sci,m2dp: only methods that look at bird-views"):
-        with_question(replace(PLAIN, question="viewpoints"), asked())
+        with_experiment(replace(PLAIN, experiment="viewpoints"), asked())
     assert not with_timing(PLAIN, asked(latency="no")).latency
     assert with_timing(PLAIN, asked(latency="yes")) == PLAIN
 
 
 def test_a_proposal_is_read_as_it_is_written() -> None:
-    proposed, _ = propose(CONF, "campus", {"question": "lifelong", "scale": "indoor"})
+    proposed, _ = propose(CONF, "campus", {"experiment": "lifelong", "scale": "indoor"})
     assert study("campus", **proposed.table()) == proposed

@@ -15,7 +15,7 @@ ALL: dict[str, Any] = {
     **TABLE,
     "train": "01 02",
     "learned": ["03"],
-    "updates": ["04"],
+    "self_training": ["04"],
     "methods": [
         {
             "name": "sad",
@@ -25,10 +25,10 @@ ALL: dict[str, Any] = {
             "seeds": 3,
             "settings": {"h_max_m": 4.0},
             "variants": {"4way": "method.n_way=4"},
-            "courses": {"days": ["frozen", "grown"]},
+            "courses": {"days": ["frozen", "incremental"]},
         }
     ],
-    "altered": {"turned": ["2012-02-04"]},
+    "perturbed": {"turned": ["2012-02-04"]},
     "cells": ["5m"],
     "stress": {"05": "all reversed"},
     "poses": ["sad-4way"],
@@ -41,16 +41,16 @@ ALL: dict[str, Any] = {
 def test_what_was_read_is_written_again_in_the_order_of_the_file() -> None:
     tables = (ALL, TABLE | RECORDED, {**dict(reversed(ALL.items())), "tolerance": "15m"})
     for table in tables:
-        asked = {key: value for key, value in table.items() if key != "question"}
+        asked = {key: value for key, value in table.items() if key != "experiment"}
         written = Study.of(CONF, "campus", table | {"methods": ALL["methods"]}).table()
-        expected = {"question": table["question"], **asked, "methods": ALL["methods"]}
+        expected = {"experiment": table["experiment"], **asked, "methods": ALL["methods"]}
         assert yaml.safe_dump(written, sort_keys=False) == yaml.safe_dump(expected, sort_keys=False)
 
 
 def test_what_a_hand_leaves_out_follows_from_conf() -> None:
-    table = {key: value for key, value in TABLE.items() if key != "question"}
+    table = {key: value for key, value in TABLE.items() if key != "experiment"}
     by_hand = Study.of(CONF, "campus", table | {"methods": ["sad", {"name": "sci"}]})
-    assert by_hand.question == "year"
+    assert by_hand.experiment == "year"
     sad, sci = by_hand.methods
     assert (sad.view, sad.code, sad.stage) == ("birdview", "pipeline/methods/sad.py", "birdviews")
     assert (sci.view, sci.stage, sci.seeds) == ("scan_context_authors", "views", 1)
@@ -69,8 +69,8 @@ def test_a_study_is_simulated_or_recorded_and_writes_both_keys() -> None:
     recorded = study(**RECORDED)
     assert not recorded.simulated
     assert recorded.table().items() >= RECORDED.items()
-    with pytest.raises(ConfigError, match="source=world and heeds=reader: expected world and"):
-        study(heeds="reader")
+    with pytest.raises(ConfigError, match="source=world and reads=reader: expected world and"):
+        study(reads="reader")
     with pytest.raises(
         ConfigError, match=r"campus: source=readers: expected world, by `simulated`"
     ):
@@ -98,7 +98,10 @@ def test_a_model_answers_with_poses_and_along_paths_where_its_family_is_posed() 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ({"question": "when"}, "question=when: expected year, robustness, viewpoints or lifelong"),
+        (
+            {"experiment": "when"},
+            "experiment=when: expected year, robustness, viewpoints or lifelong",
+        ),
         ({"train": 20120115}, "train=20120115: expected a list"),
         ({"tests": "2012-02-04"}, "tests=2012-02-04: expected a list"),
         ({"tests": [4]}, "tests[0]=4: expected a word; correct it, or `yearloc use campus` writes"),
@@ -106,9 +109,9 @@ def test_a_model_answers_with_poses_and_along_paths_where_its_family_is_posed() 
         ({"grids": None}, "campus: not given: grids; correct it, or"),
         ({"grids": ["7m"]}, "campus: grid=7m: expected one of 10m, 20m, 2m, 5m"),
         ({"tolerance": "near"}, "campus: tolerance=near: expected one of 15m, 2m"),
-        ({"altered": {"turned": "2012-02-04"}}, "altered.turned=2012-02-04: expected a list"),
+        ({"perturbed": {"turned": "2012-02-04"}}, "perturbed.turned=2012-02-04: expected a list"),
         ({"latency": "no"}, "latency=no: expected true or false"),
-        ({"posed": ["sci"]}, "the study has a key posed; expected some of question, world"),
+        ({"posed": ["sci"]}, "the study has a key posed; expected some of experiment, world"),
         ({"methods": [7]}, "methods[0]=7: expected a table"),
         (
             {"methods": [{"view": "cloud"}]},

@@ -42,7 +42,7 @@ def test_other_names_make_another_chain() -> None:
         "tests": ["2013-04-05"],
         "grids": ["5m"],
         "methods": [{"name": "sci", "view": "scan_context_authors", "code": "c"}],
-        "altered": {},
+        "perturbed": {},
     }
     steps = expand(
         DEFINITION,

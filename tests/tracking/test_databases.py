@@ -80,7 +80,7 @@ def test_what_is_not_installed_is_named_with_its_extra(
         database(SERVER, "s3://bucket/mlflow")
 
 
-def test_a_sweep_s_jobs_are_not_told_of_the_database() -> None:
+def test_a_sweep_s_jobs_are_not_reported_of_the_database() -> None:
     """Hydra writes their words into the folder of the sweep."""
     words = [
         f"tracking.database='{SERVER}'",

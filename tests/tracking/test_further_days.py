@@ -28,24 +28,27 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunRecord]:
 def test_a_run_is_a_strategy_and_a_point_the_mean_of_a_step(found: dict[str, RunRecord]) -> None:
     assert [name for name in found if name.startswith("sad")] == [
         "sad days frozen",
-        "sad days grown",
-        "sad streets grown",
+        "sad days incremental",
+        "sad streets incremental",
     ]
-    tuned = found["sci days tuned"]
-    assert tuned.series["cells/recall_of_all"] == [(0, 0.5), (1, 0.625)]  # 2/4 and 3/4 of two seeds
-    assert tuned.series["recall_by_cells/2012-02-04"] == [(0, 0.5), (1, 0.25)]
-    assert tuned.series["cost/cpu_s"] == [(0, 100.0), (1, 2.0)]
+    fine_tuned = found["sci days fine_tuned"]
+    assert fine_tuned.series["cells/recall_of_all"] == [
+        (0, 0.5),
+        (1, 0.625),
+    ]  # 2/4 and 3/4 of two seeds
+    assert fine_tuned.series["recall_by_cells/2012-02-04"] == [(0, 0.5), (1, 0.25)]
+    assert fine_tuned.series["cost/cpu_s"] == [(0, 100.0), (1, 2.0)]
     assert found["sci updates trusting"].series["cost/wrong"] == [(1, 3.5)]
-    assert tuned.params["seeds"] == 2
-    assert tuned.tags["data"] == "simulated"
+    assert fine_tuned.params["seeds"] == 2
+    assert fine_tuned.tags["data"] == "simulated"
     for said in (
-        "the strategy `tuned`",
+        "the strategy `fine_tuned`",
         "**Simulated data**",
         "Steps: 2012-01-15, 2012-03-17.",
         "Means over 2 seeds",
     ):
-        assert said in tuned.about
-    assert [(one.name, one.context) for one in tuned.used][:2] == [
+        assert said in fine_tuned.about
+    assert [(one.name, one.context) for one in fine_tuned.used][:2] == [
         ("campus 2012-01-15", "train"),
         ("campus 2012-03-17", "train"),
     ]
@@ -59,7 +62,7 @@ def test_a_strategy_has_one_colour_in_every_order_and_its_models_figures(
         one.tags[page.COLOUR] == colours[name.rpartition(" ")[2]] for name, one in found.items()
     )
     assert len({*colours.values()}) == len(colours)
-    files = {path.name for path in found["sad days grown"].figures}
+    files = {path.name for path in found["sad days incremental"].figures}
     assert "lifelong_steps_sad.svg" in files
     assert "lifelong_steps_sci.svg" not in files
 
@@ -71,4 +74,4 @@ def test_the_page_shows_what_the_runs_have(found: dict[str, RunRecord]) -> None:
         for chart in one["charts"]
         for name in chart.split()
     ]
-    assert {*shown, *page.FURTHER_DAYS["metrics"]} <= found["sci days grown"].series.keys()
+    assert {*shown, *page.FURTHER_DAYS["metrics"]} <= found["sci days incremental"].series.keys()

@@ -30,7 +30,8 @@ OWNERS = {
 
 @pytest.fixture
 def record(tmp_path: Path) -> RunRecord:
-    """The run of a method with numbers on two days, turned queries, a variant, ageing, viewpoints."""
+    """The run of a method with numbers on two days, turned queries, a variant, ageing,
+    viewpoints."""
     rows: list[dict[str, Any]] = []
     for sequence, days in TESTS.items():
         at = {"sequence": sequence, "days": days}
@@ -173,7 +174,7 @@ def test_a_sweep_is_a_run_whose_steps_are_its_jobs() -> None:
         0,
         {"grid.cell_m": "5", "method": "sci"},
         **given,
-        rows=[*rows, row("held_out_auc", "cells", 0.625)],
+        rows=[*rows, row("validation_auc", "cells", 0.625)],
     )
     failed = Record(1, {"grid.cell_m": "7", "method": "sci"}, **given, error="7 is odd")
     run = of_sweep([done, failed], {"method": "sci"}, [])
@@ -182,7 +183,7 @@ def test_a_sweep_is_a_run_whose_steps_are_its_jobs() -> None:
     assert run.series == {
         "sweep/cells_auc_top1": [(0, 0.5)],
         "sweep/distance_recall_at_1": [(0, 0.25)],
-        "sweep/held_out_auc": [(0, 0.625)],
+        "sweep/validation_auc": [(0, 0.625)],
     }
     assert [child.name for child in run.children] == ["cell_m=5", "cell_m=7"]
     assert run.children[0].series == {

@@ -341,8 +341,8 @@ class Tiny:
         def localize(views, k):
             places = self.step * np.arange(k) + model["first"] + np.zeros((len(views.images), 1), np.int64)
             novelty, one = views.images[:, :1, 0], np.ones(places.shape, np.float32)
-            told = {"novelty": novelty, "confidence": one[:, 0], "heading_deg": 90 * one, "xy_m": np.zeros((*places.shape, 2))}
-            return SimpleNamespace(places=places, costs=places.astype(np.float32), **told)
+            reported = {"novelty": novelty, "confidence": one[:, 0], "heading_deg": 90 * one, "xy_m": np.zeros((*places.shape, 2))}
+            return SimpleNamespace(places=places, costs=places.astype(np.float32), **reported)
 
         return localize
 """

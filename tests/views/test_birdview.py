@@ -188,7 +188,7 @@ def test_a_car_that_drove_off_is_gone_while_the_wall_behind_it_stays() -> None:
         np.meshgrid([6.2], np.arange(-0.4, 0.5, 0.1), np.arange(1.05, 1.9, 0.1)), axis=-1
     ).reshape(-1, 3)
     grown = view.octree.grow()
-    told = []
+    reported = []
     for scan in range(7):
         at = pose(-0.5 + scan % 2, 0.0)  # a metre on, a metre back
         seen = np.concatenate([car, wall[np.abs(wall[:, 1]) > 2]]) if scan < 3 else wall
@@ -196,8 +196,8 @@ def test_a_car_that_drove_off_is_gone_while_the_wall_behind_it_stays() -> None:
         cells = np.floor(
             (np.array([[6.2, 0.2], [12.2, 2.7]]) - grown.corner_m[:2]) / grown.leaf_m
         ).astype(int)
-        told.append(view.columns(grown, at)[tuple(cells.T)].tolist())
-    assert told == 6 * [[1, 1]] + [[0, 1]]
+        reported.append(view.columns(grown, at)[tuple(cells.T)].tolist())
+    assert reported == 6 * [[1, 1]] + [[0, 1]]
 
 
 @pytest.mark.parametrize(

@@ -36,11 +36,11 @@ def record(
     world: Simulation,
     sequence: str,
     root: Path,
-    truth: Path | None = None,
+    ground_truth: Path | None = None,
     compute: Compute = ALONE,
 ) -> Recording:
     """Record a sequence into the folder of its name below `root`."""
-    return world.record(sequence, root / sequence, compute, Progress(), truth)
+    return world.record(sequence, root / sequence, compute, Progress(), ground_truth)
 
 
 @contextmanager

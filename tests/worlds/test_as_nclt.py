@@ -1,5 +1,5 @@
-"""What campus_nclt adds to the campus of the demo: relief on walls, denser bare trees, and a truth
-that is not exact.
+"""What campus_nclt adds to the campus of the demo: relief on walls, denser bare trees, and a ground
+truth that is not exact.
 """
 
 from dataclasses import replace
@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.formats.nclt import TRUTH
+from pipeline.formats.nclt import GROUND_TRUTH
 from tests.worlds.helpers import FLAT, record, refused
-from worlds.driving.drive import SEGWAY, drive, survey
+from worlds.driving.drive import SEGWAY, drive, reference_poses
 from worlds.driving.lidar import hdl32
 from worlds.driving.scene import build_scene
 from worlds.layout.shapes import BOX, CROWN, CYLINDER, Kind, records
@@ -49,25 +49,25 @@ def test_parts_of_a_wall_stand_out_of_it_and_are_the_same_in_every_scan():
     assert len(np.unique((first[:, 1] / np.linalg.norm(first, axis=1)).round(6))) < len(first)
 
 
-def test_the_surveyed_path_wanders_smoothly_about_the_driven_one():
+def test_the_reference_path_wanders_smoothly_about_the_driven_one():
     driven = drive(
         0, date(2012, 1, 15), np.array([[0.0, 0.0], [4200.0, 0.0]]), FLAT, 4000.0, 2.0, SEGWAY
     )
-    surveyed = survey(driven, np.random.default_rng(0), 0.1)
-    off_m = (surveyed.world_T_body - driven.world_T_body)[:, :3, 3]
+    reference = reference_poses(driven, np.random.default_rng(0), 0.1)
+    off_m = (reference.world_T_body - driven.world_T_body)[:, :3, 3]
     assert np.allclose(off_m[:, :2].std(0), 0.1, atol=0.04)
     assert (off_m[:, 2] == 0).all()
     assert np.abs(off_m).max() <= 0.3 + 1e-9
     assert np.abs(np.diff(off_m, axis=0)).max() < 0.01  # between two knots 0.13 m apart
     assert np.array_equal(
-        survey(driven, np.random.default_rng(0), 0.0).world_T_body, driven.world_T_body
+        reference_poses(driven, np.random.default_rng(0), 0.0).world_T_body, driven.world_T_body
     )
 
 
-def test_a_truth_that_is_off_leaves_scans_and_odometry_as_they_are(
+def test_a_ground_truth_that_is_off_leaves_scans_and_odometry_as_they_are(
     small: Simulation, tmp_path: Path
 ):
-    for name, world in (("exact", small), ("off", replace(small, truth_sd_m=0.5))):
+    for name, world in (("exact", small), ("off", replace(small, ground_truth_sd_m=0.5))):
         record(world, "2012-02-04", tmp_path / name)
     exact, off = (tmp_path / name / "2012-02-04" for name in ("exact", "off"))
     same = [
@@ -78,13 +78,13 @@ def test_a_truth_that_is_off_leaves_scans_and_odometry_as_they_are(
     assert len(same) == 27
     assert all((exact / path).read_bytes() == (off / path).read_bytes() for path in same)
     rows = [
-        np.loadtxt(path / TRUTH.format(sequence="2012-02-04"), delimiter=",")[5:, 1:4]
+        np.loadtxt(path / GROUND_TRUTH.format(sequence="2012-02-04"), delimiter=",")[5:, 1:4]
         for path in (exact, off)
     ]
     assert 0.05 < np.hypot(*(rows[1] - rows[0])[:, :2].T).max() < 2.2
 
 
 def test_less_than_nothing_is_refused(small: Simulation):
-    for setting in ("relief_m", "twigs_per_m", "truth_sd_m"):
+    for setting in ("relief_m", "twigs_per_m", "ground_truth_sd_m"):
         with refused(setting):
             replace(small, **{setting: -0.1})

@@ -17,7 +17,7 @@ from tests.worlds.helpers import contents, preset, record, refused
 from worlds.simulation import Simulation
 
 SEQUENCE = "2012-06-15"
-READER = Bag(truth="/ground_truth", odometry="/odom", max_gap_s=4.0)
+READER = Bag(ground_truth="/ground_truth", odometry="/odom", max_gap_s=4.0)
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +73,7 @@ def test_a_bag_taken_on_the_move_says_when_each_point_was_measured(tmp_path: Pat
     record(world, "00", tmp_path / "moving")
     record(replace(world, turn_s=0.0), "00", tmp_path / "still")
     moving, still = (
-        Bag(truth="/ground_truth", odometry="/odom").open(tmp_path / name, "00")
+        Bag(ground_truth="/ground_truth", odometry="/odom").open(tmp_path / name, "00")
         for name in ("moving", "still")
     )
     times_s = moving.times_s(2)

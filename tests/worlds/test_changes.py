@@ -57,15 +57,15 @@ def test_trees_that_make_room_for_a_site_are_part_of_it(nobody: Campus):
     cleared = replace(oak, x_m=6.0, dead_day=190.0)
     bush = replace(oak, trunk_m=0.0, dead_day=60.0)
     grown = replace(nobody, plants=(oak, planted, felled, cleared, bush))
-    told = visible_changes(400, grown, [Event("construction", 300.0, 3.0, 4.0)], HERE)
-    assert told == [
+    reported = visible_changes(400, grown, [Event("construction", 300.0, 3.0, 4.0)], HERE)
+    assert reported == [
         Change("tree", 31, 31, 1.0, 2.0),
         Change("tree", 50, 50, 5.0, 2.0),
         Change("construction", 190, 300, 3.0, 4.0),
     ]
 
 
-def test_every_tree_that_came_or_went_is_told(small: Simulation):
+def test_every_tree_that_came_or_went_is_reported(small: Simulation):
     campus, _ = small.year_of(small.routes(), PLAIN)
     trees = [(one.x_m, one.y_m) for one in small.changes(TRAINING, SUMMER) if one.what == "tree"]
     before, after = (
@@ -79,18 +79,18 @@ def test_every_tree_that_came_or_went_is_told(small: Simulation):
     assert set(trees) <= plants
 
 
-def test_a_building_that_came_or_went_is_where_it_is_told(small: Simulation):
+def test_a_building_that_came_or_went_is_where_it_is_reported(small: Simulation):
     late = replace(small, sequences={**small.sequences, "2013-03-16": EVEN})
     campus, events = late.year_of(late.routes(), PLAIN)
-    told = [one for one in late.changes(TRAINING, "2013-03-16") if one.what != "tree"]
-    assert {(one.what, one.x_m, one.y_m) for one in told} == {
+    reported = [one for one in late.changes(TRAINING, "2013-03-16") if one.what != "tree"]
+    assert {(one.what, one.x_m, one.y_m) for one in reported} == {
         (event.what, event.x_m, event.y_m) for event in events
     }
-    assert [one.from_day for one in told] == sorted(
+    assert [one.from_day for one in reported] == sorted(
         int(np.ceil(event.from_day)) for event in events
     )
     before, after = (shapes_on(campus, day)[0] for day in (0, 426))
-    for one in told:
+    for one in reported:
         near = [
             int((np.hypot(boxes["x_m"] - one.x_m, boxes["y_m"] - one.y_m) < 6).sum())
             for boxes in (before, after)

@@ -31,7 +31,7 @@ def straight() -> Drive:
     return driven()
 
 
-def test_a_scan_is_taken_every_step_well_inside_the_truth(straight: Drive):
+def test_a_scan_is_taken_every_step_well_inside_the_ground_truth(straight: Drive):
     assert len(straight.scan_rows) == 600
     places = straight.world_T_body[straight.scan_rows, :2, 3]
     assert np.hypot(*np.diff(places, axis=0).T) == pytest.approx(2.0, abs=0.05)
@@ -42,11 +42,11 @@ def test_a_scan_is_taken_every_step_well_inside_the_truth(straight: Drive):
     assert straight.scan_rows[-1] < len(straight.utimes) - 10
 
 
-def test_the_truth_is_interpolated_to_the_poses_of_the_scans_and_known_at_any_moment(
+def test_the_ground_truth_is_interpolated_to_the_poses_of_the_scans_and_known_at_any_moment(
     straight: Drive,
 ):
-    truth = Trajectory(straight.utimes * 1000, straight.world_T_body, 1.0)
-    poses, known = truth.at(straight.scan_utimes * 1000)
+    ground_truth = Trajectory(straight.utimes * 1000, straight.world_T_body, 1.0)
+    poses, known = ground_truth.at(straight.scan_utimes * 1000)
     assert known.all()
     assert poses == pytest.approx(straight.world_T_body[straight.scan_rows], abs=1e-9)
     rows = np.array([100, 101])

@@ -40,8 +40,8 @@ def test_tum_rows_give_the_same_route(loop: Path, tmp_path: Path):
 
 
 def test_the_training_sequence_follows_the_route(small: Simulation, loop: Path):
-    rehearsal = replace(small, route_file=str(loop), route_m=1000.0)
-    routes = rehearsal.routes()
+    replay = replace(small, route_file=str(loop), route_m=1000.0)
+    routes = replay.routes()
     assert routes.route_m == pytest.approx(360.0, abs=15.0)
     driven = drive(8, date(2012, 1, 15), routes.training.line_m, FLAT, routes.route_m, 2.0, SEGWAY)
     route = read_route(loop)

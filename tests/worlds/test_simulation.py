@@ -19,19 +19,19 @@ TRAINING = "2012-01-15"
 TEST = "2012-02-04"
 SUMMER = "2012-06-15"
 Logs = tuple[Path, Path, Recording]
-"""The folders of the logs and of the truth, and what was recorded."""
+"""The folders of the logs and of the ground truth, and what was recorded."""
 
 
 @pytest.fixture(scope="module")
 def logs(small: Simulation, tmp_path_factory: pytest.TempPathFactory) -> Logs:
     """A recording of the summer sequence."""
     root = tmp_path_factory.mktemp("logs")
-    truth = tmp_path_factory.mktemp("truth")
-    return root, truth, record(small, SUMMER, root, truth=truth)
+    ground_truth = tmp_path_factory.mktemp("ground_truth")
+    return root, ground_truth, record(small, SUMMER, root, ground_truth=ground_truth)
 
 
 @pytest.fixture(scope="module")
-def truth(logs: Logs) -> np.ndarray:
+def ground_truth(logs: Logs) -> np.ndarray:
     """Rows of the true poses: stamp, x, y, z, roll, pitch, yaw."""
     return np.loadtxt(logs[0] / SUMMER / f"groundtruth_{SUMMER}.csv", delimiter=",")
 
@@ -61,19 +61,19 @@ def test_the_logs_have_the_layout_of_nclt(logs: Logs):
     assert sum(path.stat().st_size for path in scans) == 8 * recording.points
 
 
-def test_the_truth_opens_with_gaps_and_spans_the_scans(
-    truth: np.ndarray, scans: dict[int, np.ndarray]
+def test_the_ground_truth_opens_with_gaps_and_spans_the_scans(
+    ground_truth: np.ndarray, scans: dict[int, np.ndarray]
 ):
-    assert truth.shape[1] == 7
-    assert np.isnan(truth[:5, 1:]).all()
-    assert np.isfinite(truth[5:]).all()
-    assert (np.diff(truth[:, 0]) > 0).all()
+    assert ground_truth.shape[1] == 7
+    assert np.isnan(ground_truth[:5, 1:]).all()
+    assert np.isfinite(ground_truth[5:]).all()
+    assert (np.diff(ground_truth[:, 0]) > 0).all()
     stamps = list(scans)
-    assert truth[5, 0] < stamps[0]
-    assert stamps[-1] < truth[-1, 0]
-    assert set(stamps) <= set(truth[:, 0].astype(int).tolist())
+    assert ground_truth[5, 0] < stamps[0]
+    assert stamps[-1] < ground_truth[-1, 0]
+    assert set(stamps) <= set(ground_truth[:, 0].astype(int).tolist())
     # 15 June 2012, 14:00 UTC
-    assert truth[0, 0] == 1339768800 * 1e6
+    assert ground_truth[0, 0] == 1339768800 * 1e6
 
 
 def test_scans_lie_on_the_ground_in_the_forward_right_down_frame(scans: dict[int, np.ndarray]):
@@ -94,12 +94,12 @@ def test_scans_lie_on_the_ground_in_the_forward_right_down_frame(scans: dict[int
     assert set(np.concatenate([raw["laser"] for raw in scans.values()]).tolist()) == set(range(32))
 
 
-def test_the_truth_puts_every_wall_point_on_a_wall(
-    small: Simulation, logs: Logs, truth: np.ndarray, scans: dict[int, np.ndarray]
+def test_the_ground_truth_puts_every_wall_point_on_a_wall(
+    small: Simulation, logs: Logs, ground_truth: np.ndarray, scans: dict[int, np.ndarray]
 ):
     points_m = []
     for stamp, raw in scans.items():
-        row = truth[np.searchsorted(truth[:, 0], stamp)]
+        row = ground_truth[np.searchsorted(ground_truth[:, 0], stamp)]
         walls = np.load(logs[1] / SUMMER / "kinds" / f"{stamp}.npy") == Kind.BUILDING
         ned = (
             Rotation.from_euler("xyz", row[4:]).apply(raw["xyz"][walls] * 0.005 - 100.0) + row[1:4]
@@ -110,12 +110,14 @@ def test_the_truth_puts_every_wall_point_on_a_wall(
     assert off_walls_m(small, SUMMER, np.concatenate(points_m)).max() < 0.11
 
 
-def test_the_truth_folder_tells_what_each_point_is(logs: Logs):
-    _, truth, recording = logs
-    kinds = np.concatenate([np.load(path) for path in sorted((truth / SUMMER / "kinds").iterdir())])
+def test_the_ground_truth_folder_tells_what_each_point_is(logs: Logs):
+    _, ground_truth, recording = logs
+    kinds = np.concatenate(
+        [np.load(path) for path in sorted((ground_truth / SUMMER / "kinds").iterdir())]
+    )
     assert len(kinds) == recording.points
     assert {Kind.GROUND, Kind.LEAF, Kind.PERSON} <= set(kinds.tolist())
-    year = json.loads((truth / SUMMER / "year.json").read_text())
+    year = json.loads((ground_truth / SUMMER / "year.json").read_text())
     # 152 days from 15 January to 15 June 2012; 40 events per km over 0.1 km
     assert year["day"] == 152
     assert len(year["events"]) == 4

@@ -69,7 +69,7 @@ def test_no_other_sequence_learns_of_a_heavy_one(small: Simulation, tmp_path: Pa
         for sequence in (TRAINING, TEST):
             record(world, sequence, tmp_path / name)
     assert contents(tmp_path / "without") == contents(tmp_path / "with")
-    # 25 scans, the truth, the odometry and its covariance, for both
+    # 25 scans, the ground truth, the odometry and its covariance, for both
     assert len(contents(tmp_path / "with")) == 2 * 28
 
 

@@ -17,7 +17,7 @@ from worlds.simulation import Simulation
 
 READER = Kitti(root_per_sequence=True)
 Logs = tuple[Path, Path, Recording]
-"""The folders of the logs and of the truth, and what was recorded."""
+"""The folders of the logs and of the ground truth, and what was recorded."""
 LOGS = {"00": {"unseen": 0.1, "reversed": 0.3}, "01": {"unseen": 0.1, "reversed": 0.0}}
 
 
@@ -33,8 +33,8 @@ def suburb() -> Simulation:
 def logs(suburb: Simulation, tmp_path_factory: pytest.TempPathFactory) -> Logs:
     """A recording of log 00."""
     root = tmp_path_factory.mktemp("logs")
-    truth = tmp_path_factory.mktemp("truth")
-    return root, truth, record(suburb, "00-a", root, truth, Compute(workers=2))
+    ground_truth = tmp_path_factory.mktemp("ground_truth")
+    return root, ground_truth, record(suburb, "00-a", root, ground_truth, Compute(workers=2))
 
 
 @pytest.fixture(scope="module")

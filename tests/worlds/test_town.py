@@ -39,11 +39,11 @@ def town() -> Simulation:
 
 @pytest.fixture(scope="module")
 def logs(town: Simulation, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """The folders of the logs and of the truth of the test sequence."""
+    """The folders of the logs and of the ground truth of the test sequence."""
     root = tmp_path_factory.mktemp("logs")
-    truth = tmp_path_factory.mktemp("truth")
-    record(town, TEST, root, truth)
-    return root, truth
+    ground_truth = tmp_path_factory.mktemp("ground_truth")
+    record(town, TEST, root, ground_truth)
+    return root, ground_truth
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@
    follows the slope of the ground there.
 4. Let the pilot walk behind it, if it has one.
 
-`survey` gives the poses as a SLAM solution would report them.
+`reference_poses` gives the poses as a SLAM solution would report them.
 """
 
 from collections.abc import Callable
@@ -27,7 +27,8 @@ from worlds.seeds import Stream, generator
 KNOTS_HZ = 10
 """Knots per second: a knot is a time at which the true pose is given. Each scan has one more."""
 LEAD_S = 2.0
-"""Seconds from the begin of the truth to the first scan, and from the last scan to its end."""
+"""Seconds from the begin of the ground truth to the first scan, and from the last scan to its
+end."""
 DEPARTURE = time(14, tzinfo=UTC)
 """Time of a drive whose name is only a date."""
 
@@ -62,9 +63,9 @@ PILOT_WANDER_SD_DEG = 17.0
 PILOT_WANDER_CORRELATION_M = 15.0
 PILOT_WANDER_CLIP_DEG = 69.0
 
-SURVEY_STEP_M = 10.0
-"""Distance between the points at which the error of a survey is drawn."""
-SURVEY_CORRELATION_M = 100.0
+REFERENCE_POSES_STEP_M = 10.0
+"""Distance between the points at which the error of the reference poses is drawn."""
+REFERENCE_POSES_CORRELATION_M = 100.0
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ class Motion:
 
     @property
     def knot_m(self) -> float:
-        """Distance between two poses of the truth."""
+        """Distance between two poses of the ground truth."""
         return self.speed_mps / KNOTS_HZ
 
 
@@ -152,7 +153,7 @@ class Drive:
         return world_T_body
 
     def time_s(self, scan: int) -> float:
-        """Seconds from the begin of the truth to a scan."""
+        """Seconds from the begin of the ground truth to a scan."""
         return float(self.utimes[self.scan_rows[scan]] - self.utimes[0]) / 1e6
 
     @property
@@ -227,17 +228,19 @@ def drive(
     return Drive(utimes, poses, rows, pilot_m)
 
 
-def survey(driven: Drive, rng: np.random.Generator, sd_m: float) -> Drive:
+def reference_poses(driven: Drive, rng: np.random.Generator, sd_m: float) -> Drive:
     """The drive as a SLAM solution would report it.
 
     Its positions wander about the true ones, with the standard deviation `sd_m` in x and in y.
     """
     knots_m = driven_m(driven.world_T_body[:, :2, 3])
     world_T_reported = driven.world_T_body.copy()
-    count = int(knots_m[-1] / SURVEY_STEP_M) + 2  # up to beyond the last knot
-    points_m = SURVEY_STEP_M * np.arange(count)
+    count = int(knots_m[-1] / REFERENCE_POSES_STEP_M) + 2  # up to beyond the last knot
+    points_m = REFERENCE_POSES_STEP_M * np.arange(count)
     for axis in (0, 1):
-        error_m = _wander(rng, count, SURVEY_STEP_M, sd_m, SURVEY_CORRELATION_M, clip=3 * sd_m)
+        error_m = _wander(
+            rng, count, REFERENCE_POSES_STEP_M, sd_m, REFERENCE_POSES_CORRELATION_M, clip=3 * sd_m
+        )
         world_T_reported[:, axis, 3] += np.interp(knots_m, points_m, error_m)
     return replace(driven, world_T_body=world_T_reported)
 

@@ -12,7 +12,7 @@ from worlds.driving.day import Day, people_at
 from worlds.driving.drive import Drive
 from worlds.driving.lidar import Lidar, Returns
 from worlds.seeds import scan_seed
-from worlds.writers.writer import TruthWriter, Writer
+from worlds.writers.writer import GroundTruthWriter, Writer
 
 PILOT_HEIGHT_M = 1.75
 """Height of the person who walks behind the robot."""
@@ -55,7 +55,7 @@ class Recorder:
     keep_off_m: float
     """Distance from the robot within which nobody walks or drives, except the pilot."""
     lidar: Lidar
-    truth: TruthWriter | None
+    ground_truth: GroundTruthWriter | None
     """Writes the kinds of points, if wanted."""
     logs: Writer | None = None
     """Writes the scans; None if they are returned for one process to write them in order."""
@@ -72,8 +72,8 @@ class Recorder:
             utime = int(self.drive.scan_utimes[scan])
             returns = self._scan(scan)
             points += len(returns.points_m)
-            if self.truth:
-                self.truth.write_scan(utime, returns)
+            if self.ground_truth:
+                self.ground_truth.write_scan(utime, returns)
             if self.logs:
                 self.logs.write_scan(scan, utime, returns)
             else:

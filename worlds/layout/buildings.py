@@ -1,6 +1,6 @@
 """The building templates of a campus: boxes in the frame of a building, put together at random.
 
-A campus has only a few of them and repeats them, as real campuses do, so that places look alike.
+A campus has only a few of them and repeats them, as real campuses do, so that places look similar.
 """
 
 from typing import NamedTuple

@@ -51,7 +51,7 @@ YOUNG_TREE_SCALE = 0.45
 
 @dataclass(frozen=True)
 class Event:
-    """One construction or demolition, as the truth's file year.json lists it."""
+    """One construction or demolition, as the ground truth's file year.json lists it."""
 
     what: str
     """`construction` or `demolition`."""

@@ -99,7 +99,7 @@ class Graph:
                 straightness = self.headings[options] @ self.headings[walk[-1]]
                 is_u_turn = options == walk[-1] ^ 1  # the same street the other way
                 appeal = appeal * np.where(is_u_turn, U_TURN_WEIGHT, STRAIGHT_WEIGHT + straightness)
-            # Draw one of the options, with chances in proportion to their appeal.
+            # Draw one of the options, with probabilities in proportion to their appeal.
             cumulated = np.cumsum(appeal + 1e-9)
             choice = np.searchsorted(cumulated, rng.random() * cumulated[-1])
             step = int(options[min(choice, len(options) - 1)])

@@ -20,7 +20,7 @@ ALWAYS = (-np.inf, np.inf)
 
 
 class Kind(IntEnum):
-    """What a shape belongs to; the truth tells the kind of every point."""
+    """What a shape belongs to; the ground truth tells the kind of every point."""
 
     NOTHING = 0
     GROUND = 1

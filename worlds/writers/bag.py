@@ -20,7 +20,7 @@ from worlds.writers.writer import Writer
 
 # topics
 CLOUDS = "/points"
-TRUTH = "/ground_truth"
+GROUND_TRUTH = "/ground_truth"
 ODOMETRY = "/odom"
 # frames
 WORLD = "map"
@@ -58,7 +58,7 @@ class BagWriterInOrder(Writer):
         self._bag = BagWriter(folder / ("bag.bag" if kind == "ros1" else "bag"), kind).__enter__()
         self._waiting_poses: list[_StampedPoses] = []  # the next one last
 
-    def write_truth(self, drive: Drive, surveyed: Drive, generators: Generators) -> None:
+    def write_ground_truth(self, drive: Drive, reference: Drive, generators: Generators) -> None:
         """Write the lidar's pose on the robot, and keep all other poses until their stamps are due.
 
         `write_scan` writes them when it reaches their stamps.
@@ -66,7 +66,7 @@ class BagWriterInOrder(Writer):
         self._bag.static_transform(int(drive.utimes[0]) * 1000, BODY, LIDAR, self.body_T_sensor)
         odom_T_body = wheel_odometry(generators(Stream.ODOMETRY), drive.world_T_body)
         covariance = np.cumsum(wheel_covariances(drive.world_T_body), axis=0)
-        columns = (drive.utimes.tolist(), surveyed.world_T_body, odom_T_body, covariance)
+        columns = (drive.utimes.tolist(), reference.world_T_body, odom_T_body, covariance)
         rows = [_StampedPoses(*row) for row in zip(*columns, strict=True)]
         self._waiting_poses = rows[::-1]
 
@@ -91,5 +91,5 @@ class BagWriterInOrder(Writer):
         ):
             poses = self._waiting_poses.pop()
             stamp_ns = poses.utime * 1000
-            self._bag.odometry(stamp_ns, WORLD, BODY, poses.world_T_body, TRUTH)
+            self._bag.odometry(stamp_ns, WORLD, BODY, poses.world_T_body, GROUND_TRUTH)
             self._bag.odometry(stamp_ns, ODOM, BODY, poses.odom_T_body, ODOMETRY, poses.covariance)

@@ -21,7 +21,7 @@ class KittiWriter(Writer):
     `00-a` and `00-b` are both the whole log 00, and the reader splits it.
     """
 
-    def write_truth(self, drive: Drive, surveyed: Drive, generators: Generators) -> None:
+    def write_ground_truth(self, drive: Drive, reference: Drive, generators: Generators) -> None:
         """Write the calibration, the times since the first scan, and the poses of camera 0.
 
         Poses are relative to the first one. KITTI has no odometry.
@@ -31,7 +31,7 @@ class KittiWriter(Writer):
         kitti.write_calib(self.folder / kitti.CALIB.format(log=log))
         times_s = (drive.scan_utimes - drive.scan_utimes[0]) / 1e6
         kitti.write_times(self.folder / kitti.TIMES.format(log=log), times_s)
-        world_T_velo = surveyed.world_T_body[drive.scan_rows] @ self.body_T_sensor
+        world_T_velo = reference.world_T_body[drive.scan_rows] @ self.body_T_sensor
         world_T_cam = world_T_velo @ np.linalg.inv(kitti.CAM_T_VELO)
         first_T_cam = np.linalg.inv(world_T_cam[0]) @ world_T_cam
         kitti.write_poses(self.folder / kitti.POSES.format(log=log), first_T_cam)

@@ -4,12 +4,12 @@ ground truth, and wheel odometry with its covariance.
 
 import numpy as np
 
-from pipeline.core.frames import flip_ned, moved
+from pipeline.core.frames import flip_ned, transformed
 from pipeline.formats.nclt import (
     COVARIANCE,
+    GROUND_TRUTH,
     ODOMETRY,
     SCANS,
-    TRUTH,
     encode,
     write_covariance_rows,
     write_pose_rows,
@@ -21,19 +21,21 @@ from worlds.seeds import Generators, Stream
 from worlds.writers.writer import Writer, xyzrpy
 
 LEADING_GAPS = 5
-"""Number of NaN rows at the start of the truth. In the real files the SLAM solution begins later
-than the odometry."""
+"""Number of NaN rows at the start of the ground truth. In the real files the SLAM solution begins
+later than the odometry."""
 
 
 class NcltWriter(Writer):
     """Writes one sequence into its folder."""
 
-    def write_truth(self, drive: Drive, surveyed: Drive, generators: Generators) -> None:
+    def write_ground_truth(self, drive: Drive, reference: Drive, generators: Generators) -> None:
         """Write the ground truth, whose first LEADING_GAPS rows are NaN, and the wheel odometry."""
         (self.folder / SCANS).mkdir(parents=True, exist_ok=True)
-        rows = xyzrpy(flip_ned(surveyed.world_T_body))
+        rows = xyzrpy(flip_ned(reference.world_T_body))
         rows[:LEADING_GAPS] = np.nan
-        write_pose_rows(self.folder / TRUTH.format(sequence=self.sequence), drive.utimes, rows)
+        write_pose_rows(
+            self.folder / GROUND_TRUTH.format(sequence=self.sequence), drive.utimes, rows
+        )
         odom_T_body = wheel_odometry(generators(Stream.ODOMETRY), drive.world_T_body)
         write_pose_rows(self.folder / ODOMETRY, drive.utimes, xyzrpy(flip_ned(odom_T_body)))
         covariances = wheel_covariances(drive.world_T_body)
@@ -41,6 +43,6 @@ class NcltWriter(Writer):
 
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
         """Write velodyne_sync/<utime>.bin, with points in the body's frame."""
-        points_m = moved(self.body_T_sensor, returns.points_m)
+        points_m = transformed(self.body_T_sensor, returns.points_m)
         data = encode(points_m.astype(np.float32), returns.intensity, returns.laser)
         (self.folder / SCANS / f"{utime}.bin").write_bytes(data)

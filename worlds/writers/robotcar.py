@@ -32,7 +32,7 @@ VEHICLE_T_INS = pose(*np.hsplit(np.array([robotcar.EXTRINSICS["ins"]]), 2))[0]
 class RobotCarWriter(Writer):
     """Writes one sequence into its folder."""
 
-    def write_truth(self, drive: Drive, surveyed: Drive, generators: Generators) -> None:
+    def write_ground_truth(self, drive: Drive, reference: Drive, generators: Generators) -> None:
         """Write the extrinsics, the stamps of the sweeps, visual odometry, and the INS's poses."""
         (self.folder / LASER).mkdir(parents=True, exist_ok=True)
         robotcar.write_extrinsics(self.folder / "extrinsics")
@@ -46,7 +46,7 @@ class RobotCarWriter(Writer):
         robotcar.write_vo(self.folder / robotcar.VO, image_utimes, xyzrpy(flip_ned(motion)))
 
         ins_utimes = np.arange(drive.utimes[0], drive.utimes[-1], INS_US)
-        world_T_vehicle = surveyed.at(ins_utimes) @ BODY_T_VEHICLE
+        world_T_vehicle = reference.at(ins_utimes) @ BODY_T_VEHICLE
         reported_T_vehicle, is_good = simulate_ins(generators(Stream.OUTAGES), world_T_vehicle)
         reported_T_vehicle[:, :3, 3] += ORIGIN_M
         statuses = np.where(is_good, robotcar.INS_GOOD, INS_OUTAGE).tolist()

@@ -1,6 +1,6 @@
-"""The interface of all writers of logs, the truth of a drive first, then each of its scans; and the
-writer of labels that no robot could record beside them: the kind of each point, and the events of
-the year.
+"""The interface of all writers of logs, the ground truth of a drive first, then each of its scans;
+and the writer of labels that no robot could record beside them: the kind of each point, and the
+events of the year.
 """
 
 import json
@@ -33,16 +33,17 @@ class Writer(ABC):
     in any order."""
 
     @abstractmethod
-    def write_truth(self, drive: Drive, surveyed: Drive, generators: Generators) -> None:
+    def write_ground_truth(self, drive: Drive, reference: Drive, generators: Generators) -> None:
         """Create the folders, and write everything except the scans.
 
-        That is the truth, which are the poses of `surveyed`; odometry of the true poses of `drive`,
-        whose errors are drawn from `generators`; and the calibration.
+        That is the ground truth, which are the poses of `reference`; odometry of the true poses of
+        `drive`, whose errors are drawn from `generators`; and the calibration.
         """
 
     @abstractmethod
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
-        """Write scan number `scan`, taken at `utime` in microseconds; the truth comes before."""
+        """Write scan number `scan`, taken at `utime` in microseconds; the ground truth comes
+        before."""
 
     def close(self) -> None:
         """Finish the log; there is nothing to do where each scan is a file of its own."""
@@ -55,7 +56,7 @@ def xyzrpy(poses: Poses) -> Floats:
 
 
 @dataclass(frozen=True)
-class TruthWriter:
+class GroundTruthWriter:
     """Writes the labels of one sequence: year.json, and kinds/<utime>.npy for each scan."""
 
     folder: Path

@@ -5,7 +5,8 @@ the networks with the weights of the best round, and curves of all losses by rou
 
 1. for each batch of images, one step of the optimiser of each network in its turn;
 2. settle the batch norms' running statistics;
-3. judge the encoder and decoder on held-out images (`health`, and how many places they recognise);
+   3. judge the encoder and decoder on validation images (`health`, and how many places they
+   recognise);
 4. keep the weights if they are the best so far, and write a checkpoint.
 """
 
@@ -28,7 +29,7 @@ from pipeline.methods.pfl.game import Game, Turn
 from pipeline.networks import loop
 from pipeline.networks.lenet import to_device
 
-ACCURACY = "held_out_accuracy"
+ACCURACY = "validation_accuracy"
 """The judge's number by which the best round is chosen, if it gives one."""
 SETTLING_BATCHES = 16
 """Number of batches from which the batch norms' running statistics are taken after a round."""
@@ -39,16 +40,16 @@ Health = dict[str, float]
 
 
 def health(encoder: nn.Module, decoder: nn.Module, images: Tensor) -> Health:
-    """Whether the networks work on held-out images (n, 1, 64, 64), as numbers by name.
+    """Whether the networks work on validation images (n, 1, 64, 64), as numbers by name.
 
-    - held_out_error: mean squared error of their reconstructions.
+    - validation_error: mean squared error of their reconstructions.
     - black_error: that of a black image; a useful reconstruction has less.
     - code_variance (mean over the dimensions) and code_distance (mean distance of two codes): both
       are near 0 if the encoder has collapsed.
     """
     codes = encoder(images).float()
     return {
-        "held_out_error": float(mse_loss(decoder(codes).float(), images)),
+        "validation_error": float(mse_loss(decoder(codes).float(), images)),
         "black_error": float((images - BLACK).square().mean()),
         "code_variance": float(codes.var(0).mean()),
         "code_distance": float(torch.pdist(codes).mean()),
@@ -88,7 +89,7 @@ def pixels(images: NDArray[np.uint8] | Tensor, torch_device: torch.device) -> Te
 
 
 @dataclass(frozen=True)
-class Training(SequenceMethod):
+class AdversarialMethod(SequenceMethod):
     """Settings of the adversarial training, and its rounds."""
 
     view: str = "birdview"
@@ -117,7 +118,7 @@ class Training(SequenceMethod):
     All other turns take one step: the discriminators, the cycles, and the generators of an
     objective that sums their terms, as the paper's does."""
     kept: Literal["best", "last"] = "best"
-    """Whose weights are kept: those of the round that recognised the most held-out places (of
+    """Whose weights are kept: those of the round that recognised the most validation places (of
     equals the last one), or those of the last round. `best` looks at places, so it is not fully
     unsupervised; `last`, as in the paper, does not."""
     precision: loop.Precision = "auto"

@@ -26,8 +26,8 @@ from pipeline.matching.ranking import Localizer, Model, Ranking, Rows, TrainingS
 from pipeline.methods.pfl.adversarial import (
     ACCURACY,
     SETTLING_BATCHES,
+    AdversarialMethod,
     Health,
-    Training,
     health,
     pixels,
 )
@@ -54,13 +54,13 @@ DECODER = "net/decoder."
 AT_ONCE = 256
 """Number of images that are encoded at a time."""
 JUDGED_IMAGES = 256
-"""Largest number of held-out images by which a round is judged."""
+"""Largest number of validation images by which a round is judged."""
 PICTURES = 16
-"""Largest number of held-out images that a model stores, with their reconstructions."""
+"""Largest number of validation images that a model stores, with their reconstructions."""
 
 
 @dataclass(frozen=True)
-class FeatureMethod(Training, ABC):
+class FeatureMethod(AdversarialMethod, ABC):
     """Learns codes and matches them; PFL and AFL add their loss terms."""
 
     reference_headings: ReferenceHeadings = 8
@@ -75,9 +75,9 @@ class FeatureMethod(Training, ABC):
         """Train on all headings of the rows that are not held out, then encode all rows."""
         images = _images(views)
         database = Database.learned(views, places)
-        is_held_out = self.held_out(views)
-        # A path too short for held-out blocks is judged on its trained rows.
-        is_judged = is_held_out if is_held_out.any() else ~is_held_out
+        is_validation = self.validation(views)
+        # A path too short for validation blocks is judged on its trained rows.
+        is_judged = is_validation if is_validation.any() else ~is_validation
         judged_images = images[is_judged]
         with loop.reproducible(self.threads):
             # Train in rounds.
@@ -85,7 +85,7 @@ class FeatureMethod(Training, ABC):
             game = self._game()
             sample = _spread(judged_images.reshape(-1, SIDE, SIDE), JUDGED_IMAGES)
             judge = self._judge(game, images, views, database, sample)
-            trained_images = images[~is_held_out].reshape(-1, SIDE, SIDE)
+            trained_images = images[~is_validation].reshape(-1, SIDE, SIDE)
             rounds, iterations = self._rounds(len(trained_images), progress.budget)
             curves = self.play(game, trained_images, judge, rounds, iterations, progress)
             # The model: both networks, the curves, some pictures to look at, and the codes.
@@ -130,9 +130,9 @@ class FeatureMethod(Training, ABC):
         database: Database,
         sample: NDArray[np.uint8],
     ) -> Callable[[Game], Health]:
-        """Make a round's judge: recognised held-out rows, and health on `sample` (n, 64, 64)."""
+        """Make a round's judge: recognised validation rows, and health on `sample` (n, 64, 64)."""
         encode = _batched(game.encoder)
-        held_out = pixels(sample, device())
+        validation = pixels(sample, device())
         headings = reference_headings(images.shape[1], self.reference_headings)
 
         def difference(rows: NDArray[np.int64], queries: NDArray[np.int64]) -> NDArray[np.float32]:
@@ -145,7 +145,7 @@ class FeatureMethod(Training, ABC):
         @torch.inference_mode()
         def judge(game: Game) -> Health:
             right = self.evidence(database, views, difference).right
-            return {ACCURACY: float(right.mean()), **health(game.encoder, game.decoder, held_out)}
+            return {ACCURACY: float(right.mean()), **health(game.encoder, game.decoder, validation)}
 
         return judge
 
@@ -181,7 +181,7 @@ class FeatureMethod(Training, ABC):
             **Database.learned(views, places).arrays(),
         }
 
-    def grow(
+    def extend(
         self, model: Model, known_set: TrainingSet, new_set: TrainingSet, progress: Progress
     ) -> Model:
         """Add the new views to the database; the networks stay as they are."""

@@ -151,7 +151,8 @@ class Game(nn.Module):
         return terms | self.fool_pairs(images, codes)
 
     def fool_pairs(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
-        """The encoder's and decoder's loss: the opposite scores, so that both pairs look alike."""
+        """The encoder's and decoder's loss: the opposite scores, so that both pairs look
+        similar."""
         image_codes = self.encoder(images)
         fakes = self.decoder(codes)
         fake_cost = self.objective.generator_cost(self.joint(fakes, codes), 0.0)

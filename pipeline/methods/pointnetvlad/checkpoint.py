@@ -83,7 +83,7 @@ def _tensor(prefix: Path, shards: int, name: str, entry: Entry) -> NDArray[Any]:
     if entry.size != count * dtype.itemsize:
         raise ConfigError(
             f"{path}: tensor {name} of shape {entry.shape} has {entry.size} bytes, expected "
-            f"{count * dtype.itemsize}; fetch the checkpoint anew"
+            f"{count * dtype.itemsize}; fetch the checkpoint again"
         )
     try:
         return np.fromfile(path, dtype, count, offset=entry.offset).reshape(entry.shape)
@@ -91,7 +91,7 @@ def _tensor(prefix: Path, shards: int, name: str, entry: Entry) -> NDArray[Any]:
         raise ConfigError(f"{path}: no such file; it belongs to {index_path(prefix)}") from None
     except ValueError:
         raise ConfigError(
-            f"{path}: ends before tensor {name}; it is cut short: fetch the checkpoint anew"
+            f"{path}: ends before tensor {name}; it is cut short: fetch the checkpoint again"
         ) from None
 
 
@@ -134,7 +134,7 @@ def _handle(data: bytes, at: int) -> tuple[tuple[int, int], int]:
 
 
 def _block(table: bytes, offset: int, size: int) -> Iterator[tuple[bytes, bytes]]:
-    """The keys and values of a block; a key is told by what it shares with the one before."""
+    """The keys and values of a block; a key is reported by what it shares with the one before."""
     if table[offset + size] != 0:  # the byte behind a block is its kind of compression
         raise ValueError("its blocks are compressed, which TensorFlow's are not")
     block = table[offset : offset + size]

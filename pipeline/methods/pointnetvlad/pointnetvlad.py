@@ -36,8 +36,8 @@ MOST_STEPS = 700
 """A training has ROUNDS rounds, unless one would have fewer or more steps than these bounds; the
 authors' rounds have 700 steps.
 
-Between rounds the descriptors are computed anew, to judge the network by the held-out blocks and to
-find the hardest negatives.
+Between rounds the descriptors are computed again, to judge the network by the validation blocks and
+to find the hardest negatives.
 """
 WARM_UP = 0.25
 """Share of the training, its beginning, with random negatives alone: for the authors 5 of 20
@@ -105,14 +105,14 @@ class PointNetVlad(DescriptorMethod):
             )
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
-        """Train on the training sequence's clouds (n, point, xyz) outside held-out blocks.
+        """Train on the training sequence's clouds (n, point, xyz) outside validation blocks.
 
         Afterwards all clouds are described, for the database.
         """
         clouds = _clouds(views)
         database = Database.learned(views, places)
-        is_held_out = holdout.blocks(
-            views.world_T_anchor, places, self.held_out_every_m, self.held_out_length_m
+        is_validation = holdout.blocks(
+            views.world_T_anchor, places, self.validation_every_m, self.validation_length_m
         )
         with loop.reproducible(self.threads):
             torch.manual_seed(self.seed)
@@ -121,7 +121,7 @@ class PointNetVlad(DescriptorMethod):
                 load(net, Path(self.weights))
             curves: dict[str, NDArray[Any]] = {}
             if self.epochs:
-                training = _Training(self, net, clouds, database, is_held_out, progress.budget)
+                training = _Training(self, net, clouds, database, is_validation, progress.budget)
                 curves = training.fit(progress)
             descriptors = self.cloud_describer(net)(clouds[:, : self.points])
         evidence = database.evidence(euclidean(descriptors), views, self)
@@ -134,7 +134,7 @@ class PointNetVlad(DescriptorMethod):
             **curves,
         }
 
-    def grow(
+    def extend(
         self, model: Model, known_set: TrainingSet, new_set: TrainingSet, progress: Progress
     ) -> Model:
         """Add the new clouds to the database; the network stays as it is."""
@@ -209,7 +209,7 @@ class _Training:
         net: Describer,
         clouds: NDArray[np.float16],
         database: Database,
-        is_held_out: NDArray[np.bool_],
+        is_validation: NDArray[np.bool_],
         budget: float,
     ) -> None:
         """Train on clouds (n, point, xyz) for a share `budget` of all epochs."""
@@ -218,9 +218,9 @@ class _Training:
         self.clouds = clouds
         self.train_clouds = clouds[:, : method.train_points]
         self.database = database
-        self.rows = np.flatnonzero(~is_held_out)
-        # A path too short for held-out blocks is judged on its trained rows.
-        self.judged_rows = np.flatnonzero(is_held_out) if is_held_out.any() else self.rows
+        self.rows = np.flatnonzero(~is_validation)
+        # A path too short for validation blocks is judged on its trained rows.
+        self.judged_rows = np.flatnonzero(is_validation) if is_validation.any() else self.rows
         self.distances_m = cdist(database.xy_m[self.judged_rows], database.xy_m[self.rows])
         self.tuples = Tuples(
             xy_m=database.xy_m[self.rows],

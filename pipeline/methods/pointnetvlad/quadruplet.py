@@ -83,12 +83,12 @@ class Tuples:
         the query and its negatives, or if there is none, the row farthest from them.
         """
         positive_rows, negative_rows = self._around(query)
-        # Negatives at random; with descriptors the hardest first: the most alike.
+        # Negatives at random; with descriptors the hardest first: the most similar.
         negative_rows = rng.permutation(negative_rows)
         if descriptors is not None:
             candidates = negative_rows[:CANDIDATES]
-            most_alike = np.argsort(-descriptors[candidates] @ descriptors[query], kind="stable")
-            hardest = candidates[most_alike[: self.hard]]
+            most_similar = np.argsort(-descriptors[candidates] @ descriptors[query], kind="stable")
+            hardest = candidates[most_similar[: self.hard]]
             further = negative_rows[~np.isin(negative_rows, hardest)]
             negative_rows = np.concatenate([hardest, further])
         positive_rows = np.resize(rng.permutation(positive_rows), self.positives)

@@ -153,14 +153,14 @@ def neighbours(headings: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:
     return lower, (lower + 1) % count, headings - below
 
 
-def circular_mean_deg(chances: Tensor) -> Tensor:
-    """The circular mean heading (n, …), in (−180, 180] degrees, of chances (n, heading, …).
+def circular_mean_deg(probabilities: Tensor) -> Tensor:
+    """The circular mean heading (n, …), in (−180, 180] degrees, of probabilities (n, heading, …).
 
     The headings are evenly spaced around the circle, the first at 0.
     """
-    count = chances.shape[1]
-    angles = 2 * torch.pi * torch.arange(count, device=chances.device) / count
-    mean_sine = torch.tensordot(angles.sin(), chances, dims=([0], [1]))
-    mean_cosine = torch.tensordot(angles.cos(), chances, dims=([0], [1]))
+    count = probabilities.shape[1]
+    angles = 2 * torch.pi * torch.arange(count, device=probabilities.device) / count
+    mean_sine = torch.tensordot(angles.sin(), probabilities, dims=([0], [1]))
+    mean_cosine = torch.tensordot(angles.cos(), probabilities, dims=([0], [1]))
     mean_deg = torch.atan2(mean_sine, mean_cosine).rad2deg()
     return 180 - (180 - mean_deg) % 360

@@ -3,7 +3,7 @@
 It is our own method, in neither paper. The network is `ring.Ring`; settings, training and answers
 are those of `Classifier` and `Learner`, as for SCI. It differs from SCI in the network and in three
 more ways: training also asks for the right answer without some sectors (`step`), the first places
-are ranked anew by their outlines (`reranked`), and novelty is another one (`novelties`).
+are re-ranked by their return profiles (`reranked`), and novelty is another one (`novelties`).
 """
 
 from collections.abc import Callable, Iterator
@@ -17,8 +17,8 @@ from torch import Tensor, nn
 
 from pipeline.core.frames import yaw
 from pipeline.core.settings import Count, NotNegative, Share
-from pipeline.matching.outlines import Outlines, outlines, reranked
 from pipeline.matching.ranking import Model, Rows
+from pipeline.matching.return_profiles import ReturnProfiles, reranked, return_profiles
 from pipeline.methods.sci_ring.ring import POOLED, Ring, circular_mean_deg, neighbours
 from pipeline.networks import loop
 from pipeline.networks.classifier import Kinds, rolled
@@ -120,8 +120,8 @@ class SciRing(Learner):
     def predict(self, net: Ring, heights: Tensor, forgotten: Tensor | None = None) -> Prediction:
         """Logits and headings of the places, and features.
 
-        A place's chance is the sum over its headings, and its heading is their circular mean. The
-        features are those at the heading of the first place, interpolated.
+        A place's probability is the sum over its headings, and its heading is their circular mean.
+        The features are those at the heading of the first place, interpolated.
         """
         net.eval()
         torch_device = next(net.parameters()).device
@@ -144,7 +144,7 @@ class SciRing(Learner):
     def embed_training(
         self, net: Ring, heights: Tensor, views: Rows, trained: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Features of every view, held-out ones included, turned to face +x."""
+        """Features of every view, validation ones included, turned to face +x."""
         net.eval()
         facing_x = rolled(heights, self._yaw_columns(views, heights.shape[2]).round().long())
         parts = [self.embedded(net, part)[:, 0] for part in torch.split(facing_x, self.batch)]
@@ -153,10 +153,10 @@ class SciRing(Learner):
     def remembered(
         self, images: NDArray[np.float32], views: Rows, places: NDArray[np.int64], trained: Tensor
     ) -> Model:
-        """The arrays of the trained views' outlines, in the order of their places."""
+        """The arrays of the trained views' return profiles, in the order of their places."""
         rows = trained.numpy()[np.argsort(places[trained.numpy()], kind="stable")]
-        return Outlines(
-            outlines(images[rows]),
+        return ReturnProfiles(
+            return_profiles(images[rows]),
             places[rows],
             self._yaw_columns(views, images.shape[2]).numpy()[rows],
         ).arrays()
@@ -164,12 +164,15 @@ class SciRing(Learner):
     def reranked(
         self, prediction: Prediction, images: NDArray[np.float32], model: Model
     ) -> Prediction:
-        """The outputs, with the first places ranked anew by the likeness of their outlines.
+        """The outputs, with the first places re-ranked by the likeness of their return profiles.
 
-        An outline is the nearest thing that stands in each sector (matching.outlines).
+        A return profile is the nearest thing that stands in each sector (matching.return_profiles).
         """
         scores, heading_deg = reranked(
-            prediction.scores, prediction.heading_deg.numpy(), outlines(images), Outlines.of(model)
+            prediction.scores,
+            prediction.heading_deg.numpy(),
+            return_profiles(images),
+            ReturnProfiles.of(model),
         )
         return prediction._replace(
             logits=torch.from_numpy(scores),
@@ -191,8 +194,8 @@ class SciRing(Learner):
     ) -> Kinds:
         """The kinds of novelty; in use is `combined`: tempered entropy times feature distance.
 
-        On held-out blocks of two simulated worlds neither of the two alone reached as high an AUROC
-        and AUC.
+        On validation blocks of two simulated worlds neither of the two alone reached as high an
+        AUROC and AUC.
         """
         kinds = super().novelties(logits, softness, likeness)
         return {"combined": kinds["tempered_entropy"] * kinds["feature_distance"], **kinds}

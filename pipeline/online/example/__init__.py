@@ -1,7 +1,7 @@
 """A small simulated site, and three scans of a later day, which `yearloc example` localises in it.
 
 The site is that of `make demo`, cut down to the first 300 m of its map. `make example` makes all of
-these files anew.
+these files again.
 """
 
 from dataclasses import dataclass

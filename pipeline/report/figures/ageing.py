@@ -1,6 +1,6 @@
 """Numbers over the days since training with a fitted line, and the slopes of those lines.
 
-In: rows of the table of results, of models on queries as driven and of the oracle, which answers
+In: rows of the table of results, of models on unperturbed queries and of the oracle, which answers
 each query with its nearest training pose. The lines were fitted where the table was made.
 """
 

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from pipeline.core.frames import Poses, moved, yaw
+from pipeline.core.frames import Poses, transformed, yaw
 from pipeline.core.progress import Progress
 from pipeline.mapping.from_above import ROBOT
 from pipeline.report.figures import animation
+from pipeline.report.figures.accepted import AcceptedDrive
 from pipeline.report.figures.animation import font
-from pipeline.report.figures.believed import BelievedDrive
 from pipeline.report.figures.style import SIMULATED
 
 WIDTH_PX = 800
@@ -43,7 +43,7 @@ PLAN_PX = (170, 150)  # the plan of the whole drive, in the lower right corner
 TEXT_PX = 15
 
 
-def write(drive: BelievedDrive, path: Path, progress: Progress) -> tuple[int, int]:
+def write(drive: AcceptedDrive, path: Path, progress: Progress) -> tuple[int, int]:
     """Write the picture as .gif, .webp or (animated) .png; returns its frames and bytes.
 
     The same artifacts give the same bytes. Raises ConfigError for another ending.
@@ -60,7 +60,7 @@ def write(drive: BelievedDrive, path: Path, progress: Progress) -> tuple[int, in
     )
 
 
-def frame(drive: BelievedDrive, query: int, counts: Sequence[int]) -> NDArray[np.uint8]:
+def frame(drive: AcceptedDrive, query: int, counts: Sequence[int]) -> NDArray[np.uint8]:
     """Draw the frame (height, width, 3) at a query, with the counts up to it."""
     camera_T_world = chase(drive.world_T_true[query])
     pixels = np.full((HEIGHT_PX, WIDTH_PX, 3), 255, np.uint8)
@@ -101,7 +101,7 @@ def projected(
 
     Points outside the picture, too near or too far are left out.
     """
-    seen_m = moved(camera_T_world, points_m)
+    seen_m = transformed(camera_T_world, points_m)
     seen_m = seen_m[(seen_m[:, 2] > NEAREST_M) & (seen_m[:, 2] < FARTHEST_M)]
     depth_m = seen_m[:, 2]
     at_px = seen_m[:, :2] * (FOCAL_PX / depth_m)[:, None] + (WIDTH_PX / 2, HEIGHT_PX / 2)
@@ -132,7 +132,7 @@ def splat(
 
 
 def _dots(
-    draw: ImageDraw.ImageDraw, drive: BelievedDrive, query: int, camera_T_world: Poses
+    draw: ImageDraw.ImageDraw, drive: AcceptedDrive, query: int, camera_T_world: Poses
 ) -> None:
     """Draw dots where the robot was, in the colours of verdicts, larger ones for refused poses."""
     ground_m = drive.world_T_true[: query + 1, :3, 3]
@@ -147,11 +147,11 @@ def _dots(
 
 def _robot(draw: ImageDraw.ImageDraw, world_T_robot: Poses, camera_T_world: Poses) -> None:
     """Draw the robot as an arrow on the ground."""
-    at_px, _ = projected(camera_T_world, moved(world_T_robot, ROBOT))
+    at_px, _ = projected(camera_T_world, transformed(world_T_robot, ROBOT))
     draw.polygon([tuple(corner) for corner in at_px.tolist()], fill=INK)
 
 
-def _plan(draw: ImageDraw.ImageDraw, drive: BelievedDrive, query: int) -> None:
+def _plan(draw: ImageDraw.ImageDraw, drive: AcceptedDrive, query: int) -> None:
     """Draw the plan of the whole drive: queries so far in the colours of verdicts, wrong ones ×."""
     xy_m = drive.world_T_true[:, :2, 3]
     scale = float((np.array(PLAN_PX) / np.maximum(np.ptp(xy_m, axis=0), 1.0)).min())
@@ -172,12 +172,16 @@ def _plan(draw: ImageDraw.ImageDraw, drive: BelievedDrive, query: int) -> None:
 
 
 def _words(
-    draw: ImageDraw.ImageDraw, drive: BelievedDrive, query: int, counts: Sequence[int]
+    draw: ImageDraw.ImageDraw, drive: AcceptedDrive, query: int, counts: Sequence[int]
 ) -> None:
-    """Write the days, the promised precision, the counts so far, and the verdict on this scan."""
-    promise = "at its own threshold"
+    """Write the days, the target precision, the counts so far, and the verdict on this scan."""
+    target_precision = "at its own threshold"
     if drive.posed:
-        promise = f"promise {drive.promise:g}" if drive.promise else "nothing can be promised"
+        target_precision = (
+            f"target precision {drive.target_precision:g}"
+            if drive.target_precision
+            else "no target precision can be reached"
+        )
     verdict, verdict_ink = VERDICTS[bool(drive.accepted[query])]
     accepted, wrong, refused, wrong_refused = counts
     right = WIDTH_PX - 14
@@ -187,7 +191,7 @@ def _words(
     draw.rectangle((0, HEIGHT_PX - 78, 385, HEIGHT_PX), fill="#FFFFFF")
     for x, y, text, ink, size_px, is_bold in (
         (14, 8, drive.title, INK, TEXT_PX + 2, True),
-        (14, 30, f"{drive.where}, {drive.model}, {promise}", GREY, TEXT_PX - 2, False),
+        (14, 30, f"{drive.where}, {drive.model}, {target_precision}", GREY, TEXT_PX - 2, False),
         (right, 8, data, GREY, TEXT_PX, False),
         (right, 29, verdict, verdict_ink, TEXT_PX, True),
         (14, low, f"{accepted} accepted", ACCEPTED, TEXT_PX + 2, True),

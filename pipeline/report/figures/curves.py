@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.report.comparison import AUC, AUC_5, AUC_25, FAR, RECALL, Measure
+from pipeline.report.comparison import AUC, AUC_5, AUC_25, RECALL, RECALL_BY_DISTANCE, Measure
 from pipeline.report.figures.panels import (
     SLANTED,
     Line,
@@ -36,10 +36,10 @@ DOT: Any = {"ls": "", "ms": 4, "mec": "white", "mew": 0.6, "zorder": 4}
 PAGE_IN = (5.2, 3.6)  # width and height of a figure on the first screen of the page
 NAME_IN = 0.088 * 6.2 / 3  # height of a model's name beside a panel
 MANY_MODELS = 3  # from so many models on, panels are larger
-HELD_OUT = "held_out_"  # how the name of a training curve on held-out blocks begins
+VALIDATION = "validation_"  # how the name of a training curve on validation blocks begins
 SHARE_ENDINGS = ("accuracy", "recall")  # curves whose names end so lie between 0 and 1
 # The panels of `year`.
-OVER_THE_YEAR = (AUC, RECALL, FAR)
+OVER_THE_YEAR = (AUC, RECALL, RECALL_BY_DISTANCE)
 FIGURE_8 = (AUC, AUC_5, AUC_25)  # the panels of Fig. 8 of the SCI paper.
 
 
@@ -88,7 +88,7 @@ def _mark(axis: Axes, result: Result, x: float, y: float, tint: str) -> None:
 
 @styled
 def coverage(results: Sequence[Result]) -> Figure:
-    """The share of one test sequence's queries that can be answered at each wanted precision.
+    """The share of one test sequence's queries that can be answered at each target precision.
 
     Answers are right by distance. The marker of a model is at its own threshold, and has the id of
     its result.
@@ -178,11 +178,11 @@ def recall_at(results: Sequence[Result]) -> Figure:
 
 @styled
 def history(curves: Mapping[str, NDArray[np.float64]], best: int | None, model: str) -> Figure:
-    """The training of a model: a panel per curve (round,), on training and on held-out blocks.
+    """The training of a model: a panel per curve (round,), on training and on validation blocks.
 
     `best` is the round whose model was kept, from 0; None if the model does not say.
     """
-    names = sorted({name.removeprefix(HELD_OUT) for name in curves})
+    names = sorted({name.removeprefix(VALIDATION) for name in curves})
     rounds = np.arange(1, len(next(iter(curves.values()))) + 1)
     heading = f"{model}: {len(rounds)} rounds"
     if best is not None:
@@ -193,7 +193,7 @@ def history(curves: Mapping[str, NDArray[np.float64]], best: int | None, model: 
     )
     for axis, name in panels:
         shape = "o" if len(rounds) < 3 else ""
-        tints = {name: ("training", "0.6"), HELD_OUT + name: ("held out", colour(model))}
+        tints = {name: ("training", "0.6"), VALIDATION + name: ("held out", colour(model))}
         drawn = [
             Line(label, rounds, curves[key], {"color": tint, "marker": shape})
             for key, (label, tint) in tints.items()

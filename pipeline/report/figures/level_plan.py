@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from pipeline.core.frames import moved
+from pipeline.core.frames import transformed
 from pipeline.core.progress import Progress
 from pipeline.level.level_map import LevelMap
 from pipeline.mapping.from_above import ROBOT
@@ -81,7 +81,7 @@ class Plan:
 
     def at_px(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """The pixels (n, 2) of points (n, 2) in the world."""
-        plan_m = moved(self._plan_T_world, points_m)
+        plan_m = transformed(self._plan_T_world, points_m)
         at_px = (plan_m - self._corner_m) * self._scale
         at_px[:, 1] = self.image.height - at_px[:, 1]
         return np.asarray(at_px)
@@ -127,7 +127,7 @@ def frame(plan: Plan, drive: Sequence[Seen], title: str) -> NDArray[np.uint8]:
     colour = COLOURS[fix.verdict]
     if np.isfinite(fix.world_T_sensor).all():
         world_T_robot = fix.world_T_sensor
-        hits_m = moved(world_T_robot, points_m[:, :2])
+        hits_m = transformed(world_T_robot, points_m[:, :2])
         for x, y in plan.at_px(hits_m).tolist():
             draw.rectangle((x - 1, y - 1, x + 1, y + 1), fill=colour)
         if fix.verdict == "ambiguous":
@@ -142,8 +142,8 @@ def frame(plan: Plan, drive: Sequence[Seen], title: str) -> NDArray[np.uint8]:
     counted = ", ".join(f"{count} {word}" for word, count in counts.items() if count)
     draw.text((12, 31), f"sweep {len(drive)}: {counted}", GREY, font(13))
     draw.text((WIDTH_PX - 12, 7), fix.verdict, colour, font(18, bold=True), anchor="ra")
-    chance = f"chance of the pose {1 - fix.novelty:.2f}"
-    draw.text((WIDTH_PX - 12, 31), chance, GREY, font(13), anchor="ra")
+    probability = f"probability of the pose {1 - fix.novelty:.2f}"
+    draw.text((WIDTH_PX - 12, 31), probability, GREY, font(13), anchor="ra")
     return np.asarray(image)
 
 
@@ -156,7 +156,7 @@ def _arrow(
     """Draw the robot as an arrow, which is hollow without a colour."""
     length_m = max(ROBOT_M, ROBOT_PX / plan.px(1.0))
     corners_m = length_m / np.ptp(ROBOT[:, 0]) * ROBOT
-    in_world_m = moved(world_T_robot, corners_m)[:, :2]
+    in_world_m = transformed(world_T_robot, corners_m)[:, :2]
     corners_px = [tuple(corner) for corner in plan.at_px(in_world_m).tolist()]
     draw.polygon(corners_px, fill=colour, outline=INK)
 

@@ -36,7 +36,7 @@ NEVER = "0.75"  # grey of queries whose place is never known
 
 
 class FirstKnown(NamedTuple):
-    """The queries of all asked days, in one order of learning."""
+    """The queries of all queried days, in one order of learning."""
 
     xy_m: NDArray[np.float64]  # (query, 2) where each was taken
     step: NDArray[np.int64]  # (query,) from which its place is known; −1 for never
@@ -52,7 +52,8 @@ def matrices(
 ) -> Figure:
     """Recall (step, group) of each strategy, with a number in each cell.
 
-    A group is an asked day or a part of the site. Recall is NaN where no place of it is known yet.
+    A group is an queried day or a part of the site. Recall is NaN where no place of it is known
+    yet.
     """
     fig, panels = facets(
         [*recalls.items()],
@@ -132,7 +133,7 @@ def over_steps(
 def known_places(
     queries_by_order: Mapping[str, FirstKnown], train_xy_m: NDArray[np.float64]
 ) -> Figure:
-    """Queries of all asked days by the step from which their place is known, a panel per order.
+    """Queries of all queried days by the step from which their place is known, a panel per order.
 
     They are drawn over the training path (n, 2).
     """

@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
-from pipeline.evaluation.judgement import FALSE_ALARM, HIT, Judgement
+from pipeline.evaluation.evaluations import FALSE_POSITIVE, TRUE_POSITIVE, Judgement
 from pipeline.report.figures.panels import balanced, panels
 from pipeline.report.figures.style import WIDTH_IN, dot, figure, folded, styled
 from pipeline.report.result import Result, by_model, by_sequence
@@ -51,7 +51,7 @@ def outcome_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
 def fix_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
     """The queries of one test sequence by whether their poses are right.
 
-    A pose that was not accepted with a promised precision of .99 is faint.
+    A pose that was not accepted with a target precision of .99 is faint.
     """
     accepted = result.evaluation.pose_accepted
     right = result.evaluation.pose_right
@@ -65,7 +65,7 @@ def answers(judgement: Judgement) -> tuple[NDArray[np.integer], NDArray[np.bool_
     """Which of ANSWERS the first answer to each query (q,) is, and whether it is accepted."""
     of_seen = np.where(judgement.true_rank == 0, RIGHT, WRONG)
     kinds = np.where(judgement.seen, of_seen, UNSEEN)
-    return kinds, np.isin(judgement.outcome, (HIT, FALSE_ALARM))
+    return kinds, np.isin(judgement.outcome, (TRUE_POSITIVE, FALSE_POSITIVE))
 
 
 @styled

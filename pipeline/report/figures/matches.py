@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.core.frames import wrapped_deg
-from pipeline.evaluation.judgement import FALSE_ALARM, HIT, Evaluation
+from pipeline.evaluation.evaluations import FALSE_POSITIVE, TRUE_POSITIVE, Evaluation
 from pipeline.report.alignment import best_shift
 from pipeline.report.figures.style import WIDTH_IN, figure, styled
 from pipeline.report.result import Result
@@ -82,15 +82,17 @@ def choose(group: Sequence[Result]) -> list[Example]:
 
 def _right(group: Sequence[Result]) -> list[Example]:
     """Right answers in RIGHT_SEQUENCES sequences, then the surest one that is turned."""
-    hits_by_day = [hits for result in group if (hits := _surest([result], "right"))]
+    right_by_day = [
+        right_answers for result in group if (right_answers := _surest([result], "right"))
+    ]
     chosen: list[Example] = []
-    spread = np.linspace(0, len(hits_by_day) - 1, RIGHT_SEQUENCES if hits_by_day else 0)
+    spread = np.linspace(0, len(right_by_day) - 1, RIGHT_SEQUENCES if right_by_day else 0)
     for day in np.unique(spread.round().astype(int)):
-        hits = hits_by_day[day]
-        middle = len(hits) // 2
-        outwards = sorted(range(len(hits)), key=lambda i: abs(i - middle))
-        far = (hits[i] for i in outwards if hits[i].is_far_from(chosen))
-        chosen.append(next(far, hits[middle]))
+        right_answers = right_by_day[day]
+        middle = len(right_answers) // 2
+        outwards = sorted(range(len(right_answers)), key=lambda i: abs(i - middle))
+        far = (right_answers[i] for i in outwards if right_answers[i].is_far_from(chosen))
+        chosen.append(next(far, right_answers[middle]))
     for hit in _surest(group, "right"):
         is_turned = abs(hit.result.evaluation.turn_deg[hit.query]) > TURNED_DEG
         is_new = all(hit.result is not e.result or hit.query != e.query for e in chosen)
@@ -115,12 +117,14 @@ def _is_kind(evaluation: Evaluation, verdict: str) -> NDArray[np.bool_]:
     distance = evaluation.distance
     placed_wrong = (distance.true_rank != 0) & (cells.true_rank != 0)
     answers = {
-        "right": cells.outcome == HIT,
+        "right": cells.outcome == TRUE_POSITIVE,
         # near enough, but over the edge of the query's cell
-        NEXT_CELL: (cells.outcome == FALSE_ALARM) & cells.seen & (distance.outcome == HIT),
+        NEXT_CELL: (cells.outcome == FALSE_POSITIVE)
+        & cells.seen
+        & (distance.outcome == TRUE_POSITIVE),
         MISPLACED: distance.seen & placed_wrong,
         # accepted where training never was
-        UNSEEN: (distance.outcome == FALSE_ALARM) & distance.unseen,
+        UNSEEN: (distance.outcome == FALSE_POSITIVE) & distance.unseen,
     }
     return np.asarray(answers[verdict])
 
@@ -131,7 +135,7 @@ def degrees(angle_deg: float) -> str:
 
 
 @dataclass(frozen=True)
-class Training:
+class TrainingViews:
     """The training sequence: views, places and positions of the answers."""
 
     images: Any  # (submap, ring, sector) heights in metres; slicing reads
@@ -154,7 +158,7 @@ class Training:
 @styled
 def matches(
     examples: Sequence[Example],
-    training: Training,
+    training: TrainingViews,
     images: Callable[[str], Any],
     own_views: bool = True,
 ) -> Figure:

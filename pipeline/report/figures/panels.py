@@ -2,7 +2,7 @@
 
 `facets` makes a figure with a panel per item. `lines` draws the lines of models over something
 with the spread of their values, `dots` values with bars beside or below each other; `name_ends` and
-`name_rows` name them. `calibration` draws shares over chances.
+`name_rows` name them. `calibration` draws shares over probabilities.
 """
 
 import math
@@ -19,7 +19,7 @@ from pipeline.report.figures.style import MARK, QUIET, VEIL, WIDTH_IN, figure, f
 
 WRONG_RED = "#B2182B"  # red, of what is wrong
 SMALLEST_AREA = 4.0  # square points of the marker of a bin that few queries are in
-EVEN_AREA = 12.0  # square points of markers that are all alike
+EVEN_AREA = 12.0  # square points of markers that are all similar
 LINE_IN = 0.125  # height of a line of text
 SLANTED: Any = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}  # names below an axis
 BAND = 0.4  # opacity of the bands of all lines together
@@ -192,20 +192,21 @@ def in_corner(
 
 
 def calibration(axis: Axes, bins: Reliability, tint: str, whole_area: float = 0.0) -> None:
-    """Draw the share of right answers over their chance, and by how much each bin is off, in red.
+    """Draw the share of right answers over their probability, and by how much each bin is off, in
+    red.
 
     The area of a marker is `whole_area`, in square points, times the bin's share of the queries; if
-    that is 0, all markers are alike.
+    that is 0, all markers are similar.
     """
     has_queries = bins.count > 0
-    chance = bins.confidence[has_queries]
+    probability = bins.confidence[has_queries]
     right = bins.right[has_queries]
     axis.plot([0, 1], [0, 1], **MARK)
-    axis.vlines(chance, chance, right, color=WRONG_RED, lw=0.9, alpha=0.7, zorder=2)
-    axis.plot(chance, right, color=tint, lw=0.8, zorder=2)
+    axis.vlines(probability, probability, right, color=WRONG_RED, lw=0.9, alpha=0.7, zorder=2)
+    axis.plot(probability, right, color=tint, lw=0.8, zorder=2)
     shares = bins.count[has_queries] / bins.count.sum()
     area = np.maximum(whole_area * shares, SMALLEST_AREA) if whole_area else EVEN_AREA
-    axis.scatter(chance, right, area, tint, linewidths=0, alpha=0.8, zorder=3, clip_on=False)
+    axis.scatter(probability, right, area, tint, linewidths=0, alpha=0.8, zorder=3, clip_on=False)
     axis.set(xlim=(0, 1), ylim=(0, 1))
 
 

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from pipeline.evaluation.calibration import BINS, Reliability, chances, ece, reliability
+from pipeline.evaluation.calibration import BINS, Reliability, ece, probabilities, reliability
 from pipeline.evaluation.numbers import MEASURES
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.report.figures.panels import (
@@ -109,11 +109,11 @@ def _histogram(axis: Axes, result: Result, protocol: str, edges: NDArray[np.floa
 def rejection(group: Sequence[Result]) -> Figure:
     """Precision and recall of a model at the threshold of each kind of novelty.
 
-    Thresholds were chosen on held-out blocks of training, for a wanted precision that a kind may
+    Thresholds were chosen on validation blocks of training, for a target precision that a kind may
     not have kept there.
     """
     kinds = group[0].evaluation.kinds[: len(KINDS)]
-    wanted = group[0].wanted_precision
+    wanted = group[0].target_precision
     fig = figure(WIDTH_IN, 4.2, f"{group[0].model}: precision and recall at the chosen thresholds")
     axes = fig.subplots(2, len(PROTOCOLS), sharex=True, sharey="row")
     # (protocol, sequence, kind, measure, 3): value, low, high
@@ -143,11 +143,11 @@ def rejection(group: Sequence[Result]) -> Figure:
         label = kind.replace("_", " ")
         if i == 0 and len(kinds) > 1:
             label += " (in use)"
-        kept_precision = group[0].evaluation.kept_precision[i]
-        if kept_precision < wanted:
-            label += f", keeps {kept_precision:.3f}"
+        validation_precision = group[0].evaluation.validation_precision[i]
+        if validation_precision < wanted:
+            label += f", keeps {validation_precision:.3f}"
         entries.append(dot(label, tint, marker))
-    below(fig, [*entries, Line2D([], [], label=f"wanted precision {wanted:g}", **MARK)], 5)
+    below(fig, [*entries, Line2D([], [], label=f"target precision {wanted:g}", **MARK)], 5)
     return fig
 
 
@@ -162,12 +162,12 @@ def confidences(results: Sequence[Result]) -> list[tuple[str, Reliability, float
     raw = np.concatenate([1.0 - e.cost[e.cells.seen] for e in evaluations])
     scaled = np.concatenate([e.confidence[e.cells.seen] for e in evaluations])
     # without a confidence a cost is a distance, and no chance
-    if not len(right) or not chances(scaled):
+    if not len(right) or not probabilities(scaled):
         return []
     return [
         (name, reliability(confidence, right), ece(confidence, right))
         for name, confidence in (("raw: 1 − cost", raw), ("temperature-scaled", scaled))
-        if chances(confidence)
+        if probabilities(confidence)
     ]
 
 

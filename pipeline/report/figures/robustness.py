@@ -1,4 +1,4 @@
-"""Fig. 9 to 11 of the SCI paper: numbers of queries as driven and altered.
+"""Fig. 9 to 11 of the SCI paper: numbers of unperturbed queries and perturbed.
 
 `kinds` draws kinds of query beside each other and `sequences` those of stress; `levels` draws over
 the level of a change, `ways` over the number of headings that training turned scans to (N-way), and
@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from pipeline.report.comparison import (
     AUC,
+    AUC_BY_DISTANCE,
+    AUC_SHARE,
     AUROC,
-    FAR,
-    FAR_AUC,
-    KEPT,
-    OFF,
+    HEADING_ERROR,
     RECALL,
+    RECALL_BY_DISTANCE,
     Comparison,
     Kind,
     Measure,
@@ -50,7 +50,7 @@ from pipeline.report.figures.style import (
 from pipeline.studies.colours import colour, marker, method_of
 
 MARKERS = "osD^vP"  # of kinds of query
-MEASURES = (AUC, KEPT, FAR)  # the panels of `levels` and `ways`
+MEASURES = (AUC, AUC_SHARE, RECALL_BY_DISTANCE)  # the panels of `levels` and `ways`
 SPREAD = 0.24  # lines of models stand so far beside each other; ticks are 1 apart
 
 
@@ -61,7 +61,7 @@ def kinds(
     """A panel per measure, a row per model, a marker per kind of query.
 
     The best AUC in the kind `order_by` stands first. Bars are deviations over the sequences. The
-    marker of queries as driven is hollow.
+    marker of unperturbed queries is hollow.
     """
     models = comparison.ordered(order_by, AUC)
     drawn = comparison.kinds
@@ -71,7 +71,7 @@ def kinds(
     for axis, measure in zip(axes, measures, strict=True):
         for i, kind in enumerate(drawn):
             if measure.relative and not i:
-                continue  # as driven nothing is lost
+                continue  # unperturbed nothing is lost
             numbers = [comparison.measurement(model, kind, measure) for model in models]
             _rows(axis, models, numbers, MARKERS[i % len(MARKERS)], i > 0, lifts[i])
         if len(drawn) == 2 and not measure.relative:
@@ -92,12 +92,12 @@ def kinds(
 
 @styled
 def sequences(comparison: Comparison, titles: Mapping[str, str], heading: str) -> Figure:
-    """Queries as driven: a row of panels per sequence under its title, in it a row per model.
+    """Unperturbed queries: a row of panels per sequence under its title, in it a row per model.
 
     The best model is on top. Bars are deviations over the seeds.
     """
     models = comparison.ordered(Kind(), RECALL)
-    measures = (RECALL, AUC, AUROC, FAR)
+    measures = (RECALL, AUC, AUROC, RECALL_BY_DISTANCE)
     fig = figure(WIDTH_IN, 0.4 + (0.42 + 0.145 * len(models)) * len(comparison.sequences), heading)
     grid = fig.subplots(
         len(comparison.sequences), len(measures), squeeze=False, sharex="col", sharey=True
@@ -152,7 +152,7 @@ def levels(comparison: Comparison, heading: str, unit: str) -> Figure:
 def ways(
     comparison: Comparison, kind: Kind, reference_models: Sequence[str], heading: str
 ) -> Figure:
-    """A method over the N of its N-way training, on queries as driven and of one other kind.
+    """A method over the N of its N-way training, on unperturbed queries and of one other kind.
 
     `reference_models` are level lines, on queries of that kind.
     """
@@ -196,7 +196,9 @@ def cells(
     models = list(dict.fromkeys(model for model, _, _ in values))
     panel_in = 0.6 + LINE_IN * max(len(models) + 1, 9)
     fig = figure(WIDTH_IN, 0.3 + 2 * (0.45 + panel_in), heading)
-    for axis, measure in zip(fig.subplots(2, 2).flat, (AUC, RECALL, FAR_AUC, FAR), strict=True):
+    for axis, measure in zip(
+        fig.subplots(2, 2).flat, (AUC, RECALL, AUC_BY_DISTANCE, RECALL_BY_DISTANCE), strict=True
+    ):
         # a measurement is of values (seed, sequence, repeat)
         drawn = _over(
             {
@@ -262,7 +264,7 @@ def _rows(
 def _scale_x(axis: Axes, measure: Measure) -> None:
     """Scale x to shares up to 1, or to degrees from 0; a line marks where nothing is lost."""
     limits = share_limits(axis.dataLim.intervalx)
-    axis.set_xlim(*((0.0, max(limits[1], 5.5)) if measure is OFF else limits))
+    axis.set_xlim(*((0.0, max(limits[1], 5.5)) if measure is HEADING_ERROR else limits))
     if measure.relative:
         axis.axvline(1.0, **MARK)
     axis.set_xlabel(measure.title)

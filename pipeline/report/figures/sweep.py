@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pipeline.core.errors import InputError
-from pipeline.report.comparison import AUC, FAR, Measure
+from pipeline.report.comparison import AUC, RECALL_BY_DISTANCE, Measure
 from pipeline.report.figures.panels import Line, oracle
 from pipeline.report.figures.panels import lines as draw_lines
 from pipeline.report.figures.style import DASHES, WIDTH_IN, below, figure, styled
@@ -55,7 +55,7 @@ def response(jobs: Sequence[Record], swept: Sequence[str]) -> Figure:
         line = lines.setdefault(label or "mean of the test sequences", [])
         line.append((ticks[setting(job, x_name)], job))
     fig = figure(WIDTH_IN, 3.0, f"Over {x_name}, by both protocols")
-    for axis, measure in zip(fig.subplots(1, 2), (AUC, FAR), strict=True):
+    for axis, measure in zip(fig.subplots(1, 2), (AUC, RECALL_BY_DISTANCE), strict=True):
         _panel(axis, lines, measure, is_numeric)
         axis.set(xlabel=x_name, ylabel=measure.title)
         lowest = min(ticks.values())

@@ -1,7 +1,8 @@
-"""What a verdict on poses is worth: the error of each pose over its novelty, its chance, failures.
+"""What a verdict on poses is worth: the error of each pose over its novelty, its probability,
+failures.
 
 In: the results of one model with poses on the test sequences. A pose is accepted if its novelty is
-below a threshold that was chosen for a promised precision of .99 on held-out blocks of training.
+below a threshold that was chosen for a target precision of .99 on validation blocks of training.
 `cards` shows wrong verdicts: each scan on the training map where its pose placed it, with an arrow
 there and one where it was taken.
 """
@@ -20,7 +21,7 @@ from pipeline.mapping.from_above import INKS, heading, scan_on_map
 from pipeline.report.figures.panels import WRONG_RED, calibration, facets, in_corner
 from pipeline.report.figures.style import MARK, QUIET, WIDTH_IN, below, dot, styled
 from pipeline.report.result import Result
-from pipeline.report.study import Study
+from pipeline.report.study import StudyResults
 from pipeline.report.table import fixed
 from pipeline.studies.colours import colour
 
@@ -30,7 +31,7 @@ MOST_ERROR_M = 1e3
 RIGHT = "#6BB6E8"
 MOST_CARDS = 6
 SHOWN_M = 40.0  # from the middle of a card to its edge
-WHOLE_AREA = 60.0  # square points of the marker of a chance that all queries have
+WHOLE_AREA = 60.0  # square points of the marker of a probability that all queries have
 
 
 @styled
@@ -74,23 +75,23 @@ def verdicts(group: Sequence[Result]) -> Figure:
 
 
 @styled
-def chances(group: Sequence[Result]) -> Figure:
-    """Share of right poses over their chance of being right, a panel per test sequence.
+def probabilities(group: Sequence[Result]) -> Figure:
+    """Share of right poses over their probability of being right, a panel per test sequence.
 
-    The area of a marker is the share of the queries that have such a chance.
+    The area of a marker is the share of the queries that have such a probability.
     """
     fig, panels = facets(
         group,
         most_columns=5,
-        heading=f"{group[0].model}: how often poses of a chance are right",
+        heading=f"{group[0].model}: how often poses of a probability are right",
         around_in=0.6,
         row_in=1.7,
-        x_label="chance of the pose",
+        x_label="probability of the pose",
         y_label="share that is right",
     )
     for axis, result in panels:
         evaluation = result.evaluation
-        bins = reliability(evaluation.pose_chances, evaluation.pose_right)
+        bins = reliability(evaluation.pose_probabilities, evaluation.pose_right)
         calibration(axis, bins, colour(result.model), whole_area=WHOLE_AREA)
         ece = fixed(result.number("distance", "pose_ece"), 3)
         in_corner(axis, f"ECE {ece}", "0.25")
@@ -98,7 +99,7 @@ def chances(group: Sequence[Result]) -> Figure:
     return fig
 
 
-def cards(study: Study, group: Sequence[Result]) -> Figure | None:
+def cards(study: StudyResults, group: Sequence[Result]) -> Figure | None:
     """A card for each of the surest wrong verdicts of one model, at most MOST_CARDS.
 
     None if no verdict of the model is wrong, or the scans are not here.
@@ -116,7 +117,7 @@ def cards(study: Study, group: Sequence[Result]) -> Figure | None:
 
 
 @styled
-def _cards(study: Study, model: str, failed: Sequence[JudgedFix]) -> Figure:
+def _cards(study: StudyResults, model: str, failed: Sequence[JudgedFix]) -> Figure:
     """Draw a card per failure over the footprint of training."""
     fig, panels = facets(
         failed,
@@ -130,7 +131,7 @@ def _cards(study: Study, model: str, failed: Sequence[JudgedFix]) -> Figure:
         ink = INKS[fix.accepted]
         scan_on_map(axis, study.footprint, fix.standing_m(), fix.world_T_found, ink, SHOWN_M)
         heading(axis, fix.world_T_true, "black")
-        verdict = "believed" if fix.accepted else "refused"
+        verdict = "accepted" if fix.accepted else "refused"
         axis.set_title(f"{fix.name}: {verdict}, {fix.off[0]:.1f} m off", size=7, pad=3)
         axis.spines[:].set(visible=True, color=QUIET)
     return fig

@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from pipeline.evaluation.numbers import PRECISE
-from pipeline.evaluation.viewpoints import NUMBERS, ViewpointMatches
+from pipeline.evaluation.viewpoint_matches import NUMBERS, ViewpointMatches
 from pipeline.report.figures.panels import (
     Line,
     facets,
@@ -48,9 +48,9 @@ INDICES = {
 COLLAPSE = {
     "code_variance": "variance of the codes",
     "code_distance": "mean distance between codes",
-    "held_out_error": "held-out reconstruction error",
+    "validation_error": "validation reconstruction error",
 }
-BLACK = "black_error"  # the curve of a black image's error on the images of `held_out_error`
+BLACK = "black_error"  # the curve of a black image's error on the images of `validation_error`
 MOST_PICTURES = 8  # beside each other
 # If no accuracy is higher, curves fill the lower left corner of a panel, and the numbers stand in
 # the upper right one.
@@ -169,7 +169,7 @@ def collapse(curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]]) 
     """Spread of the codes and reconstruction error over training, a line per seed.
 
     `curves` maps a model to the training curves of each of its seeds. Codes have collapsed if their
-    variance and distance fall towards 0: all places look alike to the model. A dashed line is the
+    variance and distance fall towards 0: all places look similar to the model. A dashed line is the
     error of a black image, which a reconstruction has to undercut. None if no model has any of
     these curves.
     """
@@ -201,7 +201,7 @@ def collapse(curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]]) 
                 marker = {"marker": "o" if len(curve) < 3 else ""}
                 rounds = 1 + np.arange(len(curve))
                 lines(axis, [Line(model, rounds, curve, look(models)[model] | marker)])
-        if name == "held_out_error":
+        if name == "validation_error":
             for error in black_errors:
                 axis.axhline(error, **MARK)
                 note = axis.text(0.98, error, "a black image", transform=axis.get_yaxis_transform())

@@ -17,9 +17,9 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pipeline.alterations import Alteration, Case, generator
 from pipeline.evaluation.rows import case_text
 from pipeline.mapping.octree import OctreeMap, log_odds
+from pipeline.perturbations import Case, Perturbation, generator
 from pipeline.report.figures.style import WIDTH_IN, figure, styled
 from pipeline.views.birdview import BirdView
 from pipeline.views.scan_context import ScanContext, colorize
@@ -32,17 +32,18 @@ ROW_IN = 1.35  # height of the row of one cloud in `place`
 NODE_LEVELS = 2  # the panel of nodes in `bird_view` shows those so many levels above the leaves
 
 
-def altered(
-    points_m: NDArray[np.floating], alteration: Alteration, stamp_ns: int
+def perturbed(
+    points_m: NDArray[np.floating], perturbation: Perturbation, stamp_ns: int
 ) -> Mapping[str, NDArray[np.floating]]:
-    """The cloud (n, 3) as driven, and altered in each case of an alteration, by the case's text."""
+    """The cloud (n, 3) unperturbed, and perturbed in each case of a perturbation, by the case's
+    text."""
     clouds = {}
-    for case in alteration.cases:
-        if case == Case():  # which alters nothing
-            clouds["as driven"] = points_m
+    for case in perturbation.cases:
+        if case == Case():  # which perturbs nothing
+            clouds["unperturbed"] = points_m
         else:
-            random = generator(alteration, stamp_ns)
-            clouds[case_text(case)] = alteration.alter(case, points_m, random)[0]
+            random = generator(perturbation, stamp_ns)
+            clouds[case_text(case)] = perturbation.perturb(case, points_m, random)[0]
     return clouds
 
 

@@ -1,8 +1,8 @@
-"""The sections of a study of robustness: altered queries, stress, real changes and cell sizes.
+"""The sections of a study of robustness: perturbed queries, stress, real changes and cell sizes.
 
-In: a study. Out: a section for each alteration that was asked (turned queries, directions removed,
-new walls), one on sequences of stress, one on buildings that went up or came down, and one on the
-cell size, each with its figures drawn (Fig. 9 to 11 of the SCI paper).
+In: a study. Out: a section for each perturbation that was asked (turned queries, directions
+removed, new walls), one on sequences of stress, one on buildings that went up or came down, and one
+on the cell size, each with its figures drawn (Fig. 9 to 11 of the SCI paper).
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,16 +19,24 @@ from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.rows import NEAR_CHANGE, PERTURBED, STRESS, UNPERTURBED, pick
 from pipeline.evaluation.study_rows import SHOWN
 from pipeline.report import findings, tables
-from pipeline.report.comparison import AUC, FAR, KEPT, OFF, RECALL, Comparison, Kind
+from pipeline.report.comparison import (
+    AUC,
+    AUC_SHARE,
+    HEADING_ERROR,
+    RECALL,
+    RECALL_BY_DISTANCE,
+    Comparison,
+    Kind,
+)
 from pipeline.report.figures import events, robustness
 from pipeline.report.findings import Finding
 from pipeline.report.result import TITLES, day
 from pipeline.report.section import Section, anchor, illustrate, section_of
-from pipeline.report.study import Study
+from pipeline.report.study import StudyResults
 from pipeline.report.table import Table
 
 UNITS = {"demolition": "degrees removed", "construction": "new walls"}  # of their levels
-CHANGES = ("turned", *UNITS)  # what an alteration may do to a query
+CHANGES = ("turned", *UNITS)  # what a perturbation may do to a query
 # The numbers that are shown over cell sizes: protocol and number.
 PANELS = (
     ("cells", "auc_top1"),
@@ -38,34 +46,38 @@ PANELS = (
 )
 
 
-def sections(study: Study, folder: Path, least_queries: int) -> Iterator[Section]:
+def sections(study: StudyResults, folder: Path, least_queries: int) -> Iterator[Section]:
     """Draw the figures into `folder` and yield the sections that the study has."""
     rows = study.rows[study.rows["sequence"] != ""]
     recipes = {name: study.recipe(name) for name in study.trained}
     n_way = {name: int(recipe["n_way"]) for name, recipe in recipes.items() if "n_way" in recipe}
-    for alteration, sequences in study.settings.altered.items():
-        # an alteration that is not named by its change has several, such as `glance`
-        changes = (alteration,) if alteration in CHANGES else CHANGES
+    for perturbation, sequences in study.settings.perturbed.items():
+        # a perturbation that is not named by its change has several, such as `glance`
+        changes = (perturbation,) if perturbation in CHANGES else CHANGES
         day_rows = rows[rows["sequence"].isin(sequences)]
-        is_altered = (day_rows["ask"] == PERTURBED) & day_rows["of"].str.startswith(changes)
-        altered_rows = day_rows[is_altered | day_rows["ask"].isin([UNPERTURBED, STRESS])]
-        models = day_rows.loc[is_altered, ["model", "seed"]]
-        comparison = Comparison(altered_rows.merge(models.drop_duplicates()), n_way)
-        make_section = _structure if alteration in UNITS else _glance
-        if alteration == "turned":
+        is_perturbed = (day_rows["ask"] == PERTURBED) & day_rows["of"].str.startswith(changes)
+        perturbed_rows = day_rows[is_perturbed | day_rows["ask"].isin([UNPERTURBED, STRESS])]
+        models = day_rows.loc[is_perturbed, ["model", "seed"]]
+        comparison = Comparison(perturbed_rows.merge(models.drop_duplicates()), n_way)
+        make_section = _structure if perturbation in UNITS else _glance
+        if perturbation == "turned":
             make_section = _turned
-        yield make_section(study, folder, alteration, comparison)
+        yield make_section(study, folder, perturbation, comparison)
     if study.settings.stress:
         comparison = Comparison(pick(rows, ask=STRESS), n_way)
         yield _stress(study, folder, comparison)
-    if study.settings.question == "robustness":
+    if study.settings.experiment == "robustness":
         yield _events(study, folder, least_queries)
     if study.settings.cells:
         yield _cells(study, folder)
 
 
 def _compared(
-    study: Study, kind: str, comparison: Comparison, conclusions: Sequence[Finding], **parts: Any
+    study: StudyResults,
+    kind: str,
+    comparison: Comparison,
+    conclusions: Sequence[Finding],
+    **parts: Any,
 ) -> Section:
     """A section of a comparison, whose last finding says what data it rests on."""
     scope = findings.scope(
@@ -89,12 +101,20 @@ def _every_case(comparison: Comparison) -> list[Table]:
     return [tables.every_case(comparison, by) for by in (tables.BY_CELLS, tables.BY_DISTANCE)]
 
 
-def _turned(study: Study, folder: Path, alteration: str, comparison: Comparison) -> Section:
+def _turned(
+    study: StudyResults, folder: Path, perturbation: str, comparison: Comparison
+) -> Section:
     """Fig. 10: queries turned by random angles."""
     kind = comparison.kinds[-1]
     ways = comparison.ways()
-    errors = [comparison.measurement(model, kind, OFF).mean for model in comparison.models]
-    measures = (AUC, KEPT, FAR, OFF) if np.isfinite(errors).any() else (AUC, KEPT, FAR)
+    errors = [
+        comparison.measurement(model, kind, HEADING_ERROR).mean for model in comparison.models
+    ]
+    measures = (
+        (AUC, AUC_SHARE, RECALL_BY_DISTANCE, HEADING_ERROR)
+        if np.isfinite(errors).any()
+        else (AUC, AUC_SHARE, RECALL_BY_DISTANCE)
+    )
     best = [model for model in comparison.ordered(kind, AUC) if model not in ways.values()]
     n_way_figure = None
     if len(ways) > 1:
@@ -104,7 +124,7 @@ def _turned(study: Study, folder: Path, alteration: str, comparison: Comparison)
     heading = f"Queries turned by random angles, {study.name}"
     return _compared(
         study,
-        alteration,
+        perturbation,
         comparison,
         (findings.leader(comparison, kind, AUC), findings.n_ways(comparison, kind)),
         illustrations=[
@@ -125,59 +145,66 @@ def _turned(study: Study, folder: Path, alteration: str, comparison: Comparison)
     )
 
 
-def _structure(study: Study, folder: Path, alteration: str, comparison: Comparison) -> Section:
+def _structure(
+    study: StudyResults, folder: Path, perturbation: str, comparison: Comparison
+) -> Section:
     """Fig. 9: queries with a wedge of directions removed, or with new walls."""
     worst = max(comparison.changes, key=lambda kind: (kind.level, kind.shadow))
-    heading = f"{alteration.capitalize()}, {study.name}"
+    heading = f"{perturbation.capitalize()}, {study.name}"
     illustration = illustrate(
         study,
         folder,
         "structure",
-        robustness.levels(comparison, heading, UNITS[alteration]),
+        robustness.levels(comparison, heading, UNITS[perturbation]),
         findings.kept(comparison, worst),
         *findings.shadows(comparison),
         findings.nearly_always(comparison, worst),
         findings.chance(comparison, worst),
-        name=alteration,
-        alteration=alteration,
+        name=perturbation,
+        perturbation=perturbation,
     )
     return _compared(
         study,
-        alteration,
+        perturbation,
         comparison,
-        [findings.leader(comparison, worst, measure) for measure in (AUC, KEPT)],
+        [findings.leader(comparison, worst, measure) for measure in (AUC, AUC_SHARE)],
         illustrations=[illustration],
         tables=[
-            *(tables.over_kinds(comparison, measure) for measure in (AUC, KEPT, FAR)),
+            *(
+                tables.over_kinds(comparison, measure)
+                for measure in (AUC, AUC_SHARE, RECALL_BY_DISTANCE)
+            ),
             *_every_case(comparison),
         ],
     )
 
 
-def _glance(study: Study, folder: Path, alteration: str, comparison: Comparison) -> Section:
-    """One or two levels of several alterations side by side."""
-    heading = f"Altered queries at a glance, {study.name}"
+def _glance(
+    study: StudyResults, folder: Path, perturbation: str, comparison: Comparison
+) -> Section:
+    """One or two levels of several perturbations side by side."""
+    heading = f"Perturbed queries at a glance, {study.name}"
     illustration = illustrate(
         study,
         folder,
         "glance",
-        robustness.kinds(comparison, (AUC, KEPT, FAR), Kind(), heading),
+        robustness.kinds(comparison, (AUC, AUC_SHARE, RECALL_BY_DISTANCE), Kind(), heading),
         *(findings.kept(comparison, kind) for kind in comparison.changes),
-        name=alteration,
+        name=perturbation,
     )
     return _compared(
         study,
         "glance",
         comparison,
         [findings.leader(comparison, kind, AUC) for kind in comparison.kinds],
-        name=alteration,
+        name=perturbation,
         illustrations=[illustration],
         tables=_every_case(comparison),
     )
 
 
-def _stress(study: Study, folder: Path, comparison: Comparison) -> Section:
-    """Sequences that are hard as driven."""
+def _stress(study: StudyResults, folder: Path, comparison: Comparison) -> Section:
+    """Sequences that are hard unperturbed."""
     titles = {name: f"{day(name)}, {study.settings.stress[name]}" for name in comparison.sequences}
     illustration = illustrate(
         study,
@@ -200,7 +227,7 @@ def _stress(study: Study, folder: Path, comparison: Comparison) -> Section:
     )
 
 
-def _events(study: Study, folder: Path, least_queries: int) -> Section:
+def _events(study: StudyResults, folder: Path, least_queries: int) -> Section:
     """Numbers by the distance to the nearest building that went up or came down."""
     rows = study.rows
     levels_m = pick(rows, ask=NEAR_CHANGE, of=SHOWN)["at"].unique()
@@ -234,8 +261,8 @@ def _events(study: Study, folder: Path, least_queries: int) -> Section:
     )
 
 
-def _cells(study: Study, folder: Path) -> Section:
-    """Fig. 11: the effect of the cell size; each method learns its places anew at every size."""
+def _cells(study: StudyResults, folder: Path) -> Section:
+    """Fig. 11: the effect of the cell size; each method learns its places again at every size."""
     sides_m = {
         grid.name: replace(study, grid=grid.name).cell_m for grid in study.settings.all_grids
     }

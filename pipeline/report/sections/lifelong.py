@@ -18,21 +18,21 @@ from pipeline.report.figures import lifelong
 from pipeline.report.result import grouped
 from pipeline.report.section import Illustration, Section, illustrate, section_of
 from pipeline.report.strategies import (
-    GROWN,
+    INCREMENTAL,
     PROTOCOL,
-    UPDATED,
-    UPDATES,
+    SELF_TRAINED,
+    SELF_TRAINING,
     Strategy,
     findings,
     read_strategies,
 )
-from pipeline.report.study import Study
+from pipeline.report.study import StudyResults
 
 DAY_NS = 86_400 * 10**9
 DRAWN = {"recall_of_all": "recall of all", "forgetting": "forgetting"}
 
 
-def section(study: Study, folder: Path) -> Section:
+def section(study: StudyResults, folder: Path) -> Section:
     """Draw the figures into `folder` and return the section."""
     strategies = read_strategies(study.rows)
     orders = grouped(strategies, "order")
@@ -49,7 +49,7 @@ def section(study: Study, folder: Path) -> Section:
     return section_of(
         study,
         "lifelong",
-        {"updates": UPDATES in orders},
+        {"self_training": SELF_TRAINING in orders},
         findings=findings(strategies),
         illustrations=illustrations,
         tables=[
@@ -59,23 +59,23 @@ def section(study: Study, folder: Path) -> Section:
         parameters={
             "train": settings.train_text,
             "learned": [*settings.learned],
-            "updates": [*settings.updates],
-            "asked": [*settings.tests],
+            "self_training": [*settings.self_training],
+            "queried": [*settings.tests],
             "budget": settings.budget,
         },
     )
 
 
 def _of_model(
-    study: Study, folder: Path, model: str, orders: Mapping[str, Sequence[Strategy]]
+    study: StudyResults, folder: Path, model: str, orders: Mapping[str, Sequence[Strategy]]
 ) -> Iterator[Illustration | None]:
     """The figures of one model.
 
-    Days that nobody surveyed have two steps only, so no matrix of them is drawn.
+    Days without reference poses have two steps only, so no matrix of them is drawn.
     """
     draw = partial(illustrate, study, folder)
     for order, strategies in orders.items():
-        if order == UPDATES:
+        if order == SELF_TRAINING:
             continue
         recalls = {strategy.name: strategy.matrix(PROTOCOL) for strategy in strategies}
         heading = f"{model}, {order}: recall by {PROTOCOL}"
@@ -102,7 +102,7 @@ def _of_model(
 
 
 def _first_known(
-    study: Study, orders: Mapping[str, Sequence[Strategy]]
+    study: StudyResults, orders: Mapping[str, Sequence[Strategy]]
 ) -> dict[str, lifelong.FirstKnown]:
     """For each order: where queries were taken, and the step from which their place is known.
 
@@ -114,12 +114,12 @@ def _first_known(
         first_known[order] = lifelong.FirstKnown(
             places.load("xy_m"), places.load("known_from"), strategy.steps
         )
-    grown = {order: known for order, known in first_known.items() if known.step.max() > 0}
-    return grown or first_known
+    incremental = {order: known for order, known in first_known.items() if known.step.max() > 0}
+    return incremental or first_known
 
 
 def _ages(
-    study: Study, strategies: Sequence[Strategy]
+    study: StudyResults, strategies: Sequence[Strategy]
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.int64]]]:
     """For each order: where the places lie (n, 2), and how old the newest view of each is (n,).
 
@@ -128,7 +128,7 @@ def _ages(
     """
     ages = {}
     for strategy in strategies:
-        if strategy.name in (GROWN, UPDATED) and strategy.order not in ages:
+        if strategy.name in (INCREMENTAL, SELF_TRAINED) and strategy.order not in ages:
             places = _artifact(study, strategy)
             newest_ns = places.load("newest_ns")
             days = np.rint((newest_ns.max() - newest_ns) / DAY_NS).astype(np.int64)
@@ -137,7 +137,7 @@ def _ages(
     return ages
 
 
-def _artifact(study: Study, strategy: Strategy) -> Lifelong:
+def _artifact(study: StudyResults, strategy: Strategy) -> Lifelong:
     """The artifact of a strategy, for the model's first seed."""
     name = f"{strategy.order}-{strategy.name}"
     return study.artifact(Lifelong, "lifelong", name, strategy.model)

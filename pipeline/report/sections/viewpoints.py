@@ -14,16 +14,16 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.core import schemas, store
-from pipeline.evaluation.viewpoints import NUMBERS, ViewpointMatches
+from pipeline.evaluation.viewpoint_matches import NUMBERS, ViewpointMatches
 from pipeline.report import tables
 from pipeline.report.figures import viewpoints, views
 from pipeline.report.section import Section, illustrate, section_of
-from pipeline.report.study import Study, TrainingRecord
+from pipeline.report.study import StudyResults, TrainingRecord
 from pipeline.views.birdview import BirdView
 from pipeline.views.mapped import MappedViews
 
 
-def section(study: Study, folder: Path, view: BirdView) -> Section:
+def section(study: StudyResults, folder: Path, view: BirdView) -> Section:
     """Draw paper 2's figures into `folder`; `view` is the bird-view that the methods look at."""
     methods = {
         family: [model.name for model in models]
@@ -84,7 +84,7 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
 
 
 def _judged(
-    study: Study, methods: Mapping[str, Sequence[str]]
+    study: StudyResults, methods: Mapping[str, Sequence[str]]
 ) -> dict[str, dict[str, list[ViewpointMatches]]]:
     """Sequence to method to the matches of its models, one per seed."""
     judged: dict[str, dict[str, list[ViewpointMatches]]] = {}
@@ -98,7 +98,7 @@ def _judged(
     return judged
 
 
-def _mapping(study: Study, view: BirdView, sequence: str) -> Figure:
+def _mapping(study: StudyResults, view: BirdView, sequence: str) -> Figure:
     """How the middle submap of a sequence becomes a bird-view."""
     mapped = MappedViews(
         study.artifact(schemas.Scans, "scans", sequence),

@@ -12,12 +12,12 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from pipeline.alterations.construction import Construction
 from pipeline.core import store
 from pipeline.core.schemas import VIEW_KINDS, ScanContextViews, Scans, Submaps, Views
 from pipeline.evaluation.rows import pick
 from pipeline.evaluation.study_rows import AGEING, PER_DAYS
 from pipeline.mapping.gathering import submap_points
+from pipeline.perturbations.construction import Construction
 from pipeline.report import findings, tables
 from pipeline.report.figures import (
     ageing,
@@ -30,7 +30,7 @@ from pipeline.report.figures import (
 )
 from pipeline.report.result import Result, by_model
 from pipeline.report.section import Illustration, Section, illustrate, section_of
-from pipeline.report.study import Study
+from pipeline.report.study import StudyResults
 from pipeline.report.tables import DISTANCE_FIRST, MAIN_NUMBERS
 from pipeline.views.scan_context import ScanContext
 
@@ -57,7 +57,7 @@ LINES = {
 DRAWN = 4  # so many of these numbers are drawn, the first ones of AGEING
 
 
-def sections(study: Study, folder: Path, view: Callable[[str], Any]) -> Iterator[Section]:
+def sections(study: StudyResults, folder: Path, view: Callable[[str], Any]) -> Iterator[Section]:
     """Draw every figure into `folder` and yield the sections in the report's order.
 
     `view` makes the view of a name of conf/view.
@@ -74,7 +74,7 @@ def sections(study: Study, folder: Path, view: Callable[[str], Any]) -> Iterator
     }
     sources = [study.source("evaluate", r.sequence, r.model) for r in study.results]
     yield section_of(
-        study, "answer", values, findings=[findings.answer(study), *findings.doubts(study)]
+        study, "answer", values, findings=[findings.answer(study), *findings.caveats(study)]
     )
     yield section_of(
         study,
@@ -139,7 +139,7 @@ def _is_on_page(illustration: Illustration, best: str) -> bool:
 
 
 def _illustrations(
-    study: Study, folder: Path, view: Callable[[str], Any]
+    study: StudyResults, folder: Path, view: Callable[[str], Any]
 ) -> Iterator[Illustration | None]:
     """Draw every figure of the year."""
     draw = partial(illustrate, study, folder)
@@ -176,8 +176,8 @@ def _illustrations(
             yield draw("history", figure, name=f"history_{model}", model=model)
 
 
-def _place(study: Study, view: Callable[[str], Any]) -> Figure | None:
-    """The middle submap of training as driven and with two new walls, and its Scan Contexts.
+def _place(study: StudyResults, view: Callable[[str], Any]) -> Figure | None:
+    """The middle submap of training unperturbed and with two new walls, and its Scan Contexts.
 
     None if no method looks at Scan Contexts, or the scans are not here.
     """
@@ -192,11 +192,11 @@ def _place(study: Study, view: Callable[[str], Any]) -> Figure | None:
     scans = study.artifact(Scans, "scans", study.train)
     (points_m,) = submap_points(scans, submaps, slice(middle, middle + 1))
     two_walls = Construction(walls=(2,), shadows=(False,))
-    clouds_m = views.altered(points_m, two_walls, int(submaps["stamps_ns"][middle]))
+    clouds_m = views.perturbed(points_m, two_walls, int(submaps["stamps_ns"][middle]))
     return views.place(clouds_m, scan_contexts[0])
 
 
-def _matches(study: Study, model: str, chosen: list[matches.Example]) -> Figure | None:
+def _matches(study: StudyResults, model: str, chosen: list[matches.Example]) -> Figure | None:
     """Queries beside their matches, drawn as Scan Contexts.
 
     The views are the model's own, or else another model's. None if no model looks at any, or no
@@ -217,11 +217,13 @@ def _matches(study: Study, model: str, chosen: list[matches.Example]) -> Figure 
     def images(sequence: str) -> Any:
         return views_of(sequence, with_scan_contexts[0])["images"]
 
-    training = matches.Training(images(study.train), study.labels.load("places"), study.train_xy_m)
+    training = matches.TrainingViews(
+        images(study.train), study.labels.load("places"), study.train_xy_m
+    )
     return matches.matches(chosen, training, images, own_views=with_scan_contexts[0] == model)
 
 
-def _ageing(study: Study, folder: Path, sources: list[str]) -> Section:
+def _ageing(study: StudyResults, folder: Path, sources: list[str]) -> Section:
     """Whether methods recognise their places less well with the days, and when to train again."""
     rows = pick(study.driven, variant="")
     last_day = max(result.days for result in study.results)
@@ -256,13 +258,15 @@ def _ageing(study: Study, folder: Path, sources: list[str]) -> Section:
     )
 
 
-def _of_poses(study: Study, folder: Path, posed: Sequence[Result]) -> Iterator[Illustration | None]:
+def _of_poses(
+    study: StudyResults, folder: Path, posed: Sequence[Result]
+) -> Iterator[Illustration | None]:
     """The figures of models with poses: how near they are, and what their verdicts are worth."""
     draw = partial(illustrate, study, folder)
     for model, group in by_model(posed).items():
         for kind, figure in (
             ("verdicts", verdicts.verdicts(group)),
-            ("chances", verdicts.chances(group)),
+            ("probabilities", verdicts.probabilities(group)),
             ("failures", verdicts.cards(study, group)),
         ):
             yield draw(kind, figure, name=f"{kind}_{model}", model=model)

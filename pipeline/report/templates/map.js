@@ -28,7 +28,7 @@
     return images.get(sheet);
   };
 
-  async function chooseStudy(article) { // it opens on an answer of the last day that was believed
+  async function chooseStudy(article) { // it opens on an answer of the last day that was accepted
     const name = article.dataset.chart;
     if (!name) return;
     if (!studies.has(name)) studies.set(name, read(name));
@@ -44,7 +44,7 @@
     choices.model.value = study.best;
     chooseModel(study.sequences.length);
     showAll();
-    openBelieved();
+    openAccepted();
   }
   function chooseModel(at = choices.sequence.value) { // and one of the days that it was tested on
     tested = study.sequences.filter(({ name }) => name in study.answers[choices.model.value]);
@@ -64,17 +64,17 @@
   function open({ model, day: name }) {
     choices.model.value = model;
     chooseModel(study.sequences.findIndex((one) => one.name === name));
-    openBelieved();
+    openAccepted();
     mapped.scrollIntoView({ block: "nearest" });
   }
   function colour() {
-    const by = choices.by.value, near = answers.posed && by === "believed" ? `within ${answers.right_within[0]} m and ${answers.right_within[1]}°` : by === "cells" ? "the very cell" : `within ${study.correct_m} m`;
-    const says = { right: near, wrong: by === "believed" ? `not ${near}` : "seen, but placed elsewhere", unseen: "training was never there", none: by === "believed" ? "no answer to judge" : "between seen and unseen" };
+    const by = choices.by.value, near = answers.posed && by === "accepted" ? `within ${answers.right_within[0]} m and ${answers.right_within[1]}°` : by === "cells" ? "the very cell" : `within ${study.correct_m} m`;
+    const says = { right: near, wrong: by === "accepted" ? `not ${near}` : "seen, but placed elsewhere", unseen: "training was never there", none: by === "accepted" ? "no answer to judge" : "between seen and unseen" };
     kinds = KINDS.map((name) => ({ name: name === "none" ? "not judged" : name, colour: tone(`--${name}`), says: says[name], wrong: name === "wrong" }));
     const { code } = answers[by];
     points = Array.from(code, (value) => value % ACCEPTED);
     accepted = Array.from(code, (value) => value >= ACCEPTED);
-    verb = by === "believed" ? ["believed", "refused"] : ["accepted", "rejected"];
+    verb = by === "accepted" ? ["accepted", "refused"] : ["accepted", "rejected"];
     const entry = (tint, shape, text, title) => {
       const item = make("li", "", { title });
       item.append(make("i", "", { className: shape, style: `background: ${tint}` }), text);
@@ -183,22 +183,22 @@
   const around = (value) => 180 - ((((180 - value) % 360) + 360) % 360);
   const error_m = (i) => Math.hypot(answers.xy[2 * i] - day.xy[2 * i], answers.xy[2 * i + 1] - day.xy[2 * i + 1]);
   function facts(i) {
-    const kind = kinds[points[i]], by = choices.by.value === "believed" ? "distance" : choices.by.value, rank = answers[by].rank[i], seen = answers[by].code[i] % ACCEPTED < 2;
+    const kind = kinds[points[i]], by = choices.by.value === "accepted" ? "distance" : choices.by.value, rank = answers[by].rank[i], seen = answers[by].code[i] % ACCEPTED < 2;
     const { threshold } = answers, novelty = answers.novelty[i];
     const limit = threshold < -1e38 ? "the model refuses everything" : threshold > 1e38 ? "the model accepts everything" : `threshold ${threshold.toPrecision(3)}`;
-    const truth = degrees(day.heading[i]), given = answers.heading ? answers.heading[i] : NaN;
+    const ground truth = degrees(day.heading[i]), given = answers.heading ? answers.heading[i] : NaN;
     return [
       ["Verdict", kind === kinds[3] ? kind.says : `${verb[accepted[i] ? 0 : 1]}, and ${kind.name}: ${kind.says}`],
       ["Error", !hasRow(answers, i) ? "the answer has no position" : `${metres(error_m(i))} from query to answer`],
       ["Novelty", `${novelty.toPrecision(3)} (${answers.kind}); ${limit}`],
-      ["Heading", isFinite(given) ? `${degrees(given)}, true ${truth}, off by ${degrees(Math.abs(around(given - day.heading[i])))}` : `not given; true ${truth}`],
+      ["Heading", isFinite(given) ? `${degrees(given)}, true ${ground_truth}, off by ${degrees(Math.abs(around(given - day.heading[i])))}` : `not given; true ${ground_truth}`],
       ["True place", !seen ? `unseen, by ${by}` : rank < 0 ? `not ranked, by ${by}` : `rank ${rank + 1}, by ${by}`],
       ["Training pose", `${metres(day.nearest_m[i])} away at the nearest`],
     ];
   }
-  function openBelieved() { // half-way along the drive
+  function openAccepted() { // half-way along the drive
     chosen = Math.floor(points.length / 2);
-    if (!acts.believed()) choose(chosen);
+    if (!acts.accepted()) choose(chosen);
   }
   function choose(i) {
     chosen = i;
@@ -267,7 +267,7 @@
     const shown = [[day.views, day.kept.indexOf(i), 0, "The query"]].filter(([, row]) => row >= 0);
     const training = ({ row, shift }, what) => shown.push([study.train, row[i], shift[i], `${what}: training's view${rolled(shift[i])}`]);
     if (hasRow(answers, i)) training(answers, "The answer");
-    if (day.row[i] !== answers.row[i] && day.nearest_m[i] <= study.correct_m) training(day, "The truth");
+    if (day.row[i] !== answers.row[i] && day.nearest_m[i] <= study.correct_m) training(day, "The ground truth");
     const figures = shown.map(([sheet, row, shift, caption]) => {
       const figure = make("figure", "", { className: "view" });
       const painted = make("canvas", "", { width: sheet.sectors, height: sheet.rings, role: "img", ariaLabel: caption });
@@ -303,8 +303,8 @@
   });
   const isKept = (i) => day.kept.includes(i);
   const acts = { in: () => plane.call(zoom.scaleBy, 1.4), out: () => plane.call(zoom.scaleBy, 1 / 1.4), all: showAll,
-    next: () => step(1), previous: () => step(-1), wrong: () => step(1, (i) => kinds[points[i]].wrong && isKept(i)) || step(1, (i) => kinds[points[i]].wrong), believed: () => step(1, (i) => accepted[i] && (points[i] === 0) && isKept(i)) };
-  const keys = { ArrowRight: "next", ArrowDown: "next", ArrowLeft: "previous", ArrowUp: "previous", "+": "in", "=": "in", "-": "out", 0: "all", f: "wrong", F: "wrong", b: "believed", B: "believed" };
+    next: () => step(1), previous: () => step(-1), wrong: () => step(1, (i) => kinds[points[i]].wrong && isKept(i)) || step(1, (i) => kinds[points[i]].wrong), accepted: () => step(1, (i) => accepted[i] && (points[i] === 0) && isKept(i)) };
+  const keys = { ArrowRight: "next", ArrowDown: "next", ArrowLeft: "previous", ArrowUp: "previous", "+": "in", "=": "in", "-": "out", 0: "all", f: "wrong", F: "wrong", b: "accepted", B: "accepted" };
   canvas.addEventListener("keydown", (event) => {
     if (!keys[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();

@@ -12,13 +12,13 @@ import numpy as np
 from markupsafe import Markup
 
 from pipeline.report import findings, tables
-from pipeline.report.comparison import FAR
+from pipeline.report.comparison import RECALL_BY_DISTANCE
 from pipeline.report.figures import curves
 from pipeline.report.figures.style import Link, inline
 from pipeline.report.render import percent, words
 from pipeline.report.result import Result, by_model, dates, ranked
 from pipeline.report.section import anchor
-from pipeline.report.study import Study
+from pipeline.report.study import StudyResults
 from pipeline.studies.colours import method_of
 from pipeline.studies.study import Study as StudySettings
 
@@ -26,7 +26,7 @@ from pipeline.studies.study import Study as StudySettings
 COUNTED = ("accepted", "accepted_wrong", "refused", "refused_wrong", "no_pose_99")
 
 
-def front(study: Study) -> dict[str, Any]:
+def front(study: StudyResults) -> dict[str, Any]:
     """What the first screen of one study at one cell size shows.
 
     Models that had too little training to be compared are folded away, with their share of it. The
@@ -57,12 +57,12 @@ def front(study: Study) -> dict[str, Any]:
             number: int(np.nansum([result.number("distance", number) for result in best]))
             for number in COUNTED
         },
-        "believed": tables.believed(best),
+        "accepted": tables.accepted(best),
         "year": _year(study, results, len(days)),
         "knows": _knows(study, results),
         "scorecards": [tables.scorecard(card) for card in cards if card],
-        "altered": tables.altered(study, models),
-        "doubts": findings.doubts(study),
+        "perturbed": tables.perturbed(study, models),
+        "caveats": findings.caveats(study),
     }
 
 
@@ -86,7 +86,7 @@ def rivals(settings: StudySettings, best: str, compared: Sequence[str]) -> tuple
     return best, ""
 
 
-def _year(study: Study, results: list[Result], days: int) -> Markup:
+def _year(study: StudyResults, results: list[Result], days: int) -> Markup:
     """A chart of each model's share of right answers over the days since training."""
     draw = partial(inline, simulated=study.simulated, name=anchor(study.name, study.grid, "year"))
     if days == 1:
@@ -96,10 +96,12 @@ def _year(study: Study, results: list[Result], days: int) -> Markup:
         r.id: Link(r.model, r.sequence, f"{r.model}, {r.label}: {percent(share[r.id], 1)} right")
         for r in results
     }
-    return draw(curves.year(results, study.train, (FAR,), curves.PAGE_IN), links=links)
+    return draw(
+        curves.year(results, study.train, (RECALL_BY_DISTANCE,), curves.PAGE_IN), links=links
+    )
 
 
-def _knows(study: Study, results: list[Result]) -> Markup:
+def _knows(study: StudyResults, results: list[Result]) -> Markup:
     """A chart of the last day: the share of queries that can be answered at each precision."""
     last = [group[-1] for group in by_model(results).values()]
     links = {

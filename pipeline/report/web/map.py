@@ -19,14 +19,14 @@ from scipy.spatial import KDTree
 from pipeline.core import schemas, store
 from pipeline.core.errors import ArtifactError
 from pipeline.core.frames import yaw
-from pipeline.evaluation import judgement as judged
-from pipeline.evaluation.judgement import Evaluation, Judgement
+from pipeline.evaluation import evaluations as judged
+from pipeline.evaluation.evaluations import Evaluation, Judgement
 from pipeline.mapping.from_above import CELL_M, Footprint
 from pipeline.report.alignment import best_shifts, spectra
 from pipeline.report.figures.maps import RIGHT, WRONG, answers
 from pipeline.report.figures.style import png_text
 from pipeline.report.result import Result, by_sequence, dates
-from pipeline.report.study import Study
+from pipeline.report.study import StudyResults
 from pipeline.views.scan_context import colours, quantize
 
 COLUMNS = 16  # views beside each other in a picture
@@ -42,7 +42,7 @@ ACCEPTED = 4
 MOST_RANKS = 120  # ranks of the true place beyond this are cut, to fit into a byte
 
 
-def chart(study: Study) -> dict[str, Any]:
+def chart(study: StudyResults) -> dict[str, Any]:
     """All data of a study's map.
 
     It has no views if no model looks at Scan Contexts, and no footprint and points if the scans are
@@ -130,7 +130,7 @@ class Views:
     spectra: NDArray[np.complex64]  # (view, ring, frequency), see `alignment`
 
     @classmethod
-    def read(cls, study: Study, model: str, *sequences: str) -> Self | None:
+    def read(cls, study: StudyResults, model: str, *sequences: str) -> Self | None:
         """Read the Scan Contexts that a model looks at; None if they are others or not here."""
         paths = [study.find("views", sequence, model) for sequence in sequences]
         try:
@@ -183,7 +183,7 @@ def nearest(
 
 
 def _answers(
-    study: Study,
+    study: StudyResults,
     result: Result,
     origin_m: NDArray[np.float64],
 ) -> dict[str, Any]:
@@ -208,7 +208,7 @@ def _answers(
         "kind": evaluation.kinds[0],
         "threshold": float(threshold),
         "heading": quantized(first_deg, STEP_DEG) if np.isfinite(first_deg).any() else None,
-        "believed": {"code": packed(_believed_code(evaluation), "u1")},
+        "accepted": {"code": packed(_acceptance_code(evaluation), "u1")},
     }
     for protocol, judgement in (("distance", evaluation.distance), ("cells", evaluation.cells)):
         ranks = np.minimum(judgement.true_rank, MOST_RANKS)
@@ -223,28 +223,28 @@ def _code(judgement: Judgement) -> NDArray[np.int64]:
     return np.asarray(code + ACCEPTED * accepted)
 
 
-def _believed_code(evaluation: Evaluation) -> NDArray[np.int64]:
+def _acceptance_code(evaluation: Evaluation) -> NDArray[np.int64]:
     """The code of each answer (q,) as the model believes it, by its pose if it has poses."""
-    believed = evaluation.acceptance
-    wrong = believed["accepted_wrong"] | believed["refused_wrong"]
+    acceptance = evaluation.acceptance
+    wrong = acceptance["accepted_wrong"] | acceptance["refused_wrong"]
     code = np.where(wrong, WRONG, RIGHT)
-    code[~(believed["accepted"] | believed["refused"])] = NOT_JUDGED
+    code[~(acceptance["accepted"] | acceptance["refused"])] = NOT_JUDGED
     if not np.isnan(evaluation.reject_pose_from):
         code[np.isnan(evaluation.pose_error_m)] = NOT_JUDGED
-    return np.asarray(code + ACCEPTED * believed["accepted"])
+    return np.asarray(code + ACCEPTED * acceptance["accepted"])
 
 
-def _kept_queries(believed: Mapping[str, NDArray[np.bool_]], most: int) -> NDArray[np.int64]:
-    """The queries of a day to keep: those believed wrongly, some refused wrongly, others evenly."""
-    wrong = np.flatnonzero(believed["accepted_wrong"])
-    refused = np.flatnonzero(believed["refused_wrong"])
+def _kept_queries(acceptance: Mapping[str, NDArray[np.bool_]], most: int) -> NDArray[np.int64]:
+    """The queries of a day to keep: those accepted wrongly, some refused wrongly, others evenly."""
+    wrong = np.flatnonzero(acceptance["accepted_wrong"])
+    refused = np.flatnonzero(acceptance["refused_wrong"])
     refused = refused[:: max(math.ceil(3 * len(refused) / most), 1)]  # a third of the room
     room = max(most - len(wrong) - len(refused), 1)
-    evenly = np.linspace(0, len(believed["accepted"]) - 1, room).astype(np.int64)
+    evenly = np.linspace(0, len(acceptance["accepted"]) - 1, room).astype(np.int64)
     return np.asarray(np.unique(np.concatenate([wrong, refused, evenly])), np.int64)
 
 
-def _scans(study: Study, sequence: str, rows: NDArray[np.int64]) -> dict[str, Any] | None:
+def _scans(study: StudyResults, sequence: str, rows: NDArray[np.int64]) -> dict[str, Any] | None:
     """The points of some submaps of a drive; None if its scans are not here."""
     try:
         drive = study.drive(sequence)

@@ -20,7 +20,7 @@ from markupsafe import Markup
 from pipeline.report.render import part, template, words
 from pipeline.report.result import by_sequence
 from pipeline.report.section import Section, anchor
-from pipeline.report.study import Study
+from pipeline.report.study import StudyResults
 from pipeline.report.web.map import chart
 from pipeline.running.dvc_files import DvcLock
 
@@ -52,7 +52,7 @@ class Picture:
 class Entry:
     """One study at one cell size on the page."""
 
-    study: Study
+    study: StudyResults
     sections: Sequence[Section]
     front: Mapping[str, Any] | None = None  # of a study that asks about the year
 
@@ -98,7 +98,7 @@ def html(entries: Sequence[Entry], lock: DvcLock, stale: Collection[str] = ()) -
 
 
 def _artifacts(
-    studies: Sequence[Study], sections: Sequence[Section]
+    studies: Sequence[StudyResults], sections: Sequence[Section]
 ) -> dict[str, Mapping[str, str]]:
     """Map the path of each source artifact to the recipe it was trained with; empty if no model."""
     paths: list[str] = []

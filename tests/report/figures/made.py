@@ -8,13 +8,13 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from pipeline.alterations import Case
 from pipeline.evaluation.bootstrap import Estimate
+from pipeline.evaluation.evaluations import Evaluation
 from pipeline.evaluation.judge import judge
-from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.protocols import PROTOCOLS, Distance
 from pipeline.evaluation.rows import NOVELTY, case_columns, evaluation_rows, row, table
-from pipeline.evaluation.viewpoints import ViewpointMatches
+from pipeline.evaluation.viewpoint_matches import ViewpointMatches
+from pipeline.perturbations import Case
 from pipeline.report.comparison import MEASURES, Comparison, Kind
 from pipeline.report.result import Result
 from tests.evaluation.made import BOOTSTRAP, LABELS, SCI, XY_M, judged, standing
@@ -55,7 +55,7 @@ def evaluation(
 def result(model: str, sequence: str, days: int, one: Evaluation) -> Result:
     """A result whose numbers are those of the table of results."""
     rows = [each for each in evaluation_rows(one) if each["ask"] != NOVELTY]
-    wanted = [row("wanted_precision", by, 0.9) for by in PROTOCOLS]
+    wanted = [row("target_precision", by, 0.9) for by in PROTOCOLS]
     return Result(model, sequence, days, table([*rows, *wanted]), one)
 
 

@@ -10,7 +10,7 @@ from PIL import Image
 from pipeline.core import schemas, store
 from pipeline.core.errors import ArtifactError
 from pipeline.core.progress import Progress
-from pipeline.report.figures.believed import BelievedDrive, verdicts
+from pipeline.report.figures.accepted import AcceptedDrive, verdicts
 from pipeline.report.figures.chase import (
     ACCEPTED,
     FOCAL_PX,
@@ -34,8 +34,8 @@ PLAN = np.s_[HEIGHT_PX - 180 :, WIDTH_PX - 200 :]
 
 
 @pytest.fixture
-def drive() -> BelievedDrive:
-    return BelievedDrive(
+def drive() -> AcceptedDrive:
+    return AcceptedDrive(
         where="simulated street",
         model="sci_ring-pose",
         trained="monday",
@@ -43,7 +43,7 @@ def drive() -> BelievedDrive:
         days=1,
         simulated=True,
         posed=True,
-        promise=0.99,
+        target_precision=0.99,
         map_m=WALL_M + np.array((15.0, -14.0, 0.0)),
         world_T_true=TRUE,
         world_T_query=FOUND,
@@ -63,7 +63,7 @@ def share(picture: np.ndarray, ink: str) -> float:
 
 
 def test_what_is_accepted_wrong_and_refused_is_counted_up_to_each_query(
-    drive: BelievedDrive,
+    drive: AcceptedDrive,
 ) -> None:
     """A query without a pose is refused, and nothing is wrong of it."""
     assert drive.counts.tolist() == [[1, 2, 2, 2], [0, 1, 1, 1], [0, 0, 1, 2], [0, 0, 1, 1]]
@@ -83,7 +83,7 @@ def test_the_camera_is_behind_the_robot_and_looks_ahead() -> None:
 
 
 def test_a_scan_has_the_colour_of_its_verdict_and_without_a_pose_none_is_drawn(
-    drive: BelievedDrive,
+    drive: AcceptedDrive,
 ) -> None:
     first, _, third, last = (
         frame(drive, query, drive.counts[:, query].tolist()) for query in range(4)
@@ -94,7 +94,7 @@ def test_a_scan_has_the_colour_of_its_verdict_and_without_a_pose_none_is_drawn(
     assert sum(share(first, grey) for grey in GREYS) > 0.002
 
 
-def test_simulated_is_said_and_so_is_recorded(drive: BelievedDrive) -> None:
+def test_simulated_is_said_and_so_is_recorded(drive: AcceptedDrive) -> None:
     simulated, recorded = (
         frame(replace(drive, simulated=is_simulated), 0, [1, 0, 0, 0])[:26, 560:]
         for is_simulated in (True, False)
@@ -105,7 +105,7 @@ def test_simulated_is_said_and_so_is_recorded(drive: BelievedDrive) -> None:
 
 
 def test_the_file_has_a_frame_a_query_and_the_same_bytes_each_time(
-    drive: BelievedDrive, tmp_path: Path
+    drive: AcceptedDrive, tmp_path: Path
 ) -> None:
     for name in ("once.gif", "again.gif"):
         assert write(drive, tmp_path / name, Progress())[0] == 4
@@ -115,24 +115,27 @@ def test_the_file_has_a_frame_a_query_and_the_same_bytes_each_time(
 
 
 @pytest.mark.parametrize(
-    ("promised", "accepted", "promise"),
+    ("pose_thresholds", "accepted", "target_precision"),
     [
         ([0.7, 0.3, -1.0], [True, False, False, False], 0.99),
         ([0.7, -1.0, -1.0], [True, True, False, False], 0.95),
         ([-1.0, -1.0, -1.0], [False, False, False, False], None),
     ],
 )
-def test_the_highest_promise_that_is_kept_says_what_is_accepted(
-    tmp_path: Path, promised: list[float], accepted: list[bool], promise: float | None
+def test_the_highest_target_precision_that_is_kept_says_what_is_accepted(
+    tmp_path: Path,
+    pose_thresholds: list[float],
+    accepted: list[bool],
+    target_precision: float | None,
 ) -> None:
     """Doubts of .1, .5 and .9; the last has no pose."""
-    doubt = np.array([0.1, 0.5, 0.9, 0.0], np.float32)
+    caveat = np.array([0.1, 0.5, 0.9, 0.0], np.float32)
     flat = {"heading_deg": np.zeros((4, 1), np.float32), "costs": np.ones((4, 1), np.float32)}
     columns = flat | {
         "places": np.zeros((4, 1), np.int64),
         "xy_m": np.zeros((4, 1, 2)),
-        "novelty": doubt[:, None],
-        "confidence": 1 - doubt,
+        "novelty": caveat[:, None],
+        "confidence": 1 - caveat,
         "turned_deg": np.zeros(4, np.float32),
         "world_T_query": FOUND,
         "covariance": np.zeros((4, 6, 6)),
@@ -142,12 +145,12 @@ def test_the_highest_promise_that_is_kept_says_what_is_accepted(
         "cases": [{"change": "", "level": 0.0, "shadow": False, "repeat": 0}],
         "kinds": ["fix"],
         "thresholds": [0.3],
-        "wanted_precision": 0.99,
-        "promises": [0.95, 0.99, 0.999],
-        "promised": promised,
-        "promised_place": promised,
-        "promised_several": promised,
-        "held_out": 200,
+        "target_precision": 0.99,
+        "target_precisions": [0.95, 0.99, 0.999],
+        "pose_thresholds": pose_thresholds,
+        "place_thresholds": pose_thresholds,
+        "several_thresholds": pose_thresholds,
+        "validation": 200,
         "right_within": [2.0, 5.0],
     }
     with store.draft(tmp_path / "day.zarr", schemas.Fixes, **attrs) as out:
@@ -156,6 +159,6 @@ def test_the_highest_promise_that_is_kept_says_what_is_accepted(
     fixes = store.read(tmp_path / "day.zarr", schemas.Fixes)
     world_T_query, is_accepted, kept = verdicts(fixes, 4, 0.99)
     np.testing.assert_array_equal(world_T_query, FOUND)
-    assert (is_accepted.tolist(), kept) == (accepted, promise)
+    assert (is_accepted.tolist(), kept) == (accepted, target_precision)
     with pytest.raises(ArtifactError, match="4 poses of 5 submaps"):
         verdicts(fixes, 5, 0.99)

@@ -17,10 +17,10 @@ import pytest
 from matplotlib.figure import Figure
 from syrupy.assertion import SnapshotAssertion
 
-from pipeline.alterations.construction import Construction
 from pipeline.core.errors import InputError
 from pipeline.evaluation.rows import NEAR_CHANGE, row, table
-from pipeline.report.comparison import AUC, FAR, KEPT, OFF
+from pipeline.perturbations.construction import Construction
+from pipeline.report.comparison import AUC, AUC_SHARE, HEADING_ERROR, RECALL_BY_DISTANCE
 from pipeline.report.figures import (
     ageing,
     curves,
@@ -59,12 +59,12 @@ DAYS = (0.0, 100.0, 200.0, 300.0)
 STEPS = ["2012-01-15 1/2", "2012-01-15 2/2"]
 LOSSES = {
     "loss": np.array([3.0, 2.0, 2.5]),
-    "held_out_loss": np.array([3.5, 2.5, 2.7]),
-    "held_out_recall": np.array([0.1, 0.4, 0.5]),
+    "validation_loss": np.array([3.5, 2.5, 2.7]),
+    "validation_recall": np.array([0.1, 0.4, 0.5]),
 }
 IMAGES = np.zeros((50, 40, 120), np.float32)
 IMAGES[:, 0, 0] = np.arange(50)
-TRAINING = matches.Training(IMAGES, TRAIN_PLACES, TRAIN_XY_M)
+TRAINING = matches.TrainingViews(IMAGES, TRAIN_PLACES, TRAIN_XY_M)
 SIZES = {
     ("sci", "cells", "auc_top1"): [np.array([0.4, 0.6]), np.array([0.5]), np.array([0.9, np.nan])],
     ("m2dp", "cells", "auc_top1"): [np.array([0.4, 0.3]), NOT_THERE, np.array([0.5, 0.2])],
@@ -82,7 +82,7 @@ INDICES = {
 LEARNED = {
     "code_variance": np.array([0.4, 0.1]),
     "code_distance": np.array([8.0, 2.0]),
-    "held_out_error": np.array([0.5, 0.25]),
+    "validation_error": np.array([0.5, 0.25]),
     "black_error": np.array([0.125, 0.125]),
 }
 CURVES = {"pfl": [LEARNED, {name: 3 * curve for name, curve in LEARNED.items()}], "sad": [{}]}
@@ -186,8 +186,14 @@ FIGURES: dict[str, Callable[[], Figure | None]] = {
     "map of poses": partial(maps.fix_map, POSED[0], TRAIN_XY_M),
     "montage": partial(maps.montage, BOTH[::-1], TRAIN_XY_M),
     "verdicts": partial(verdicts.verdicts, POSED),
-    "chances": partial(verdicts.chances, POSED),
-    "kinds": partial(robustness.kinds, COMPARED, (AUC, KEPT, FAR, OFF), TURNED, "Turned"),
+    "probabilities": partial(verdicts.probabilities, POSED),
+    "kinds": partial(
+        robustness.kinds,
+        COMPARED,
+        (AUC, AUC_SHARE, RECALL_BY_DISTANCE, HEADING_ERROR),
+        TURNED,
+        "Turned",
+    ),
     "sequences": partial(
         robustness.sequences, COMPARED, dict.fromkeys(COMPARED.sequences, "a"), "Stress"
     ),
@@ -216,7 +222,7 @@ FIGURES: dict[str, Callable[[], Figure | None]] = {
         viewpoints.reconstructions, {"pfl": (SEEN, SEEN), "afl": (SEEN, 255 - SEEN)}
     ),
     "collapse": partial(viewpoints.collapse, CURVES),
-    "place": lambda: views.place(views.altered(GROUND_M, WALLS, 7), VIEW),
+    "place": lambda: views.place(views.perturbed(GROUND_M, WALLS, 7), VIEW),
     "bird-view": bird_view,
 }
 
@@ -251,8 +257,8 @@ def test_a_figure_is_as_it_was_the_same_file_each_time_and_says_that_data_are_si
     assert SIMULATED not in shown
     assert "<dc:date>" not in text
     assert not [word for word in shown if "nan" in word.lower()]
-    told = " | ".join(dict.fromkeys(" ".join(word.split()) for word in shown if word))
-    assert f"{digest(text)}: {told}" == snapshot, f"look at {tmp_path}/{name}.svg"
+    reported = " | ".join(dict.fromkeys(" ".join(word.split()) for word in shown if word))
+    assert f"{digest(text)}: {reported}" == snapshot, f"look at {tmp_path}/{name}.svg"
 
 
 @pytest.mark.parametrize(

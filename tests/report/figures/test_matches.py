@@ -5,16 +5,17 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.evaluation.judgement import FALSE_ALARM, HIT
-from pipeline.report.figures.matches import APART_M, Example, Training, choose, degrees
+from pipeline.evaluation.evaluations import FALSE_POSITIVE, TRUE_POSITIVE
+from pipeline.report.figures.matches import APART_M, Example, TrainingViews, choose, degrees
 from tests.report.figures.made import ONE, TRAIN_PLACES, TRAIN_XY_M
 
 
-def along(novelty: np.ndarray, days: int = 20, outcome: int = FALSE_ALARM) -> Any:
-    """A result of a seen query every 10 m of a straight path, all misplaced by 200 m, or all right."""
+def along(novelty: np.ndarray, days: int = 20, outcome: int = FALSE_POSITIVE) -> Any:
+    """A result of a seen query every 10 m of a straight path, all misplaced by 200 m, or all
+    right."""
     n = len(novelty)
     base = ONE[0].evaluation
-    rank = np.full(n, 0 if outcome == HIT else -1)
+    rank = np.full(n, 0 if outcome == TRUE_POSITIVE else -1)
     judged = {
         "seen": np.ones(n, bool),
         "unseen": np.zeros(n, bool),
@@ -66,11 +67,13 @@ def test_the_wrong_examples_come_from_all_sequences_and_one_spot_is_shown_once()
 
 
 def test_right_examples_are_spread_over_the_year_and_one_is_turned() -> None:
-    drives = [along(np.array([0.3, 0.1, 0.2]), days, HIT) for days in (10, 20, 30, 40, 50)]
+    drives = [
+        along(np.array([0.3, 0.1, 0.2]), days, TRUE_POSITIVE) for days in (10, 20, 30, 40, 50)
+    ]
     drives[1].evaluation.turn_deg[1] = -170.0
     drives[3].evaluation.turn_deg[0] = 120.0
-    # Of three hits the middle novelty is the third's; they lie within 40 m, so the same spot is
-    # shown where there is no other.
+    # Of three true positives the middle novelty is the third's; they lie within 40 m, so the same
+    # spot is shown where there is no other.
     assert shown(choose(drives), "right") == [(10, 2), (30, 2), (50, 2), (20, 1)]
 
 
@@ -90,10 +93,10 @@ def test_a_query_in_the_next_cell_and_an_accepted_unseen_one_are_named_as_such()
     assert [degrees(angle) for angle in (-177.4, -0.3, 90)] == ["−177°", "+0°", "+90°"]
 
 
-def test_an_answer_is_shown_by_the_submap_of_its_place_that_lies_there_and_the_truth_by_the_nearest() -> (
+def test_an_answer_is_shown_by_the_submap_of_its_place_that_lies_there_and_the_ground_truth_by_the_nearest() -> (
     None
 ):
-    training = Training(None, TRAIN_PLACES, TRAIN_XY_M)
+    training = TrainingViews(None, TRAIN_PLACES, TRAIN_XY_M)
     assert training.answered(3, TRAIN_XY_M[15:20].mean(axis=0)) == 17  # submaps 15 to 19
     assert [training.answered(3, TRAIN_XY_M[row]) for row in (18, 40)] == [18, 19]
     assert training.answered(-1, TRAIN_XY_M[40]) == 40  # a pose in a cell where training never went

@@ -12,9 +12,9 @@ from PIL import Image
 from pipeline.cli import main
 from pipeline.cli.picture import last_day
 from pipeline.core import schemas
+from pipeline.report.figures.accepted import AcceptedDrive
 from pipeline.report.figures.animation import END_MS, FRAME_MS, palette, save, spread
-from pipeline.report.figures.believed import BelievedDrive
-from pipeline.report.study import Study
+from pipeline.report.study import StudyResults
 from pipeline.studies.layout import Layout
 from pipeline.studies.studies_file import studies_text
 from tests.artifacts import write_scans
@@ -26,7 +26,7 @@ POST_M = np.array([(6.0, 0.0, 1.0), (6.0, 0.0, 2.0)])
 
 
 @pytest.fixture(scope="module")
-def scanned(study: Study, tmp_path_factory: pytest.TempPathFactory) -> Study:
+def scanned(study: StudyResults, tmp_path_factory: pytest.TempPathFactory) -> StudyResults:
     """The study with its scans, each of which sees a post 6 m ahead."""
     root = tmp_path_factory.mktemp("scanned") / "artifacts"
     root.mkdir()
@@ -41,7 +41,7 @@ def scanned(study: Study, tmp_path_factory: pytest.TempPathFactory) -> Study:
 
 
 @pytest.fixture
-def project(scanned: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def project(scanned: StudyResults, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with that study alone, to call the command in."""
     shutil.copytree(CONF, tmp_path / "conf")
     (tmp_path / "conf/studies.yaml").write_text(studies_text({"campus": SETTINGS}))
@@ -50,10 +50,10 @@ def project(scanned: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     return tmp_path
 
 
-def test_a_scan_without_a_pose_is_laid_where_its_place_is(scanned: Study) -> None:
-    drive = BelievedDrive.of(scanned, "sci", DAY)
+def test_a_scan_without_a_pose_is_laid_where_its_place_is(scanned: StudyResults) -> None:
+    drive = AcceptedDrive.of(scanned, "sci", DAY)
     answers_m = drive.world_T_query[:, :2, 3]
-    assert (drive.posed, drive.promise) == (False, None)
+    assert (drive.posed, drive.target_precision) == (False, None)
     np.testing.assert_allclose(
         drive.placed_points_m(0)[:, :2], [answers_m[0] + (6.0, 0.0)] * 2, atol=0.01
     )

@@ -1,4 +1,5 @@
-"""Poses are counted once, by the strongest claim that is accepted, and their chances are judged."""
+"""Poses are counted once, by the strongest claim that is accepted, and their probabilities are
+judged."""
 
 from dataclasses import replace
 
@@ -9,17 +10,17 @@ from pipeline.evaluation.rows import evaluation_rows, table
 from tests.report.figures.made import ONE, POSED
 
 
-def test_verdicts_count_every_query_once_and_the_most_telling_belief_counts() -> None:
-    """Doubts in the place .1 and in several .1 are believed below .2; the third query has only the
+def test_verdicts_count_every_query_once_and_the_most_telling_claim_counts() -> None:
+    """Doubts in the place .1 and in several .1 are accepted below .2; the third query has only the
     latter, the sixth no pose."""
-    doubts = np.array(
+    caveats = np.array(
         [[0.1, 0.1], [0.1, 0.1], [0.9, 0.1], [0.9, 0.9], [0.9, 0.9], [0.1, 0.1], [0.9, 0.1]]
     )
     evaluation = replace(
         POSED[0].evaluation,
         kinds=("fix", "place", "several"),
-        novelty=np.column_stack([ONE[0].evaluation.novelty[:, 0], doubts]),
-        beliefs={"place": 0.2, "several": 0.2},
+        novelty=np.column_stack([ONE[0].evaluation.novelty[:, 0], caveats]),
+        claims={"place": 0.2, "several": 0.2},
         reject_pose_from=0.15,
     )
     assert evaluation.verdicts == {
@@ -32,10 +33,10 @@ def test_verdicts_count_every_query_once_and_the_most_telling_belief_counts() ->
     assert ONE[0].evaluation.verdicts == {}
 
 
-def test_the_chance_of_a_pose_stands_against_the_share_that_is_right() -> None:
-    """Chances .9 .2 .8 .7 .95 .6 .1, of which the first, second, fourth and fifth are right. Those of
-    .2 and .1 share a bin, as .2 is a little less in float32: it is .35 off, the others .6 .3 .8 .1
-    and .05."""
+def test_the_probability_of_a_pose_stands_against_the_share_that_is_right() -> None:
+    """Probabilities .9 .2 .8 .7 .95 .6 .1, of which the first, second, fourth and fifth are right.
+    Those of .2 and .1 share a bin, as .2 is a little less in float32: it is .35 off, the others .6
+    .3 .8 .1 and .05."""
     evaluation = POSED[0].evaluation
     rows = table(evaluation_rows(evaluation)).set_index("number")["value"]
     assert rows["pose_ece"] == pytest.approx((2 * 0.35 + 0.6 + 0.3 + 0.8 + 0.1 + 0.05) / 7)

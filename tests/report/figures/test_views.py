@@ -1,4 +1,5 @@
-"""Clouds as methods see them: altered beside as driven, and the columns of an octree's leaves."""
+"""Clouds as methods see them: perturbed beside unperturbed, and the columns of an octree's
+leaves."""
 
 import math
 
@@ -6,10 +7,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from pipeline.alterations.construction import Construction
 from pipeline.mapping.octree import Octree
-from pipeline.report.figures.views import altered, tops
+from pipeline.perturbations.construction import Construction
 from pipeline.report.figures.views import bird_view as draw_bird_view
+from pipeline.report.figures.views import perturbed, tops
 from pipeline.views.birdview import BirdView
 from pipeline.views.scan_context import ScanContext
 
@@ -46,13 +47,13 @@ def bird_view() -> Figure:
     return draw_bird_view(wall(), octree_map, pose(3.0, 1.0, 0.3), BIRD_VIEW)
 
 
-def test_an_altered_cloud_stands_below_the_one_as_driven() -> None:
-    clouds_m = altered(GROUND_M, WALLS, stamp_ns=7)
-    assert list(clouds_m) == ["as driven", "construction 2 walls"]
+def test_a_perturbed_cloud_stands_below_the_one_unperturbed() -> None:
+    clouds_m = perturbed(GROUND_M, WALLS, stamp_ns=7)
+    assert list(clouds_m) == ["unperturbed", "construction 2 walls"]
     driven, built = clouds_m.values()
     assert driven is GROUND_M
     assert built[:, 2].max() > 3 - 0.2 > driven[:, 2].max()  # a wall has 3 m at least
-    assert altered(GROUND_M, WALLS, 7)["construction 2 walls"].tobytes() == built.tobytes()
+    assert perturbed(GROUND_M, WALLS, 7)["construction 2 walls"].tobytes() == built.tobytes()
 
 
 @pytest.mark.parametrize("place", [pose(0, 0, 0), pose(40.2, -3.1, 2.0)])

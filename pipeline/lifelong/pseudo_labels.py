@@ -1,0 +1,183 @@
+"""Pseudo-labelling: which scans of a later day a site is to learn, and at which poses (METHODS
+11.2).
+
+With reference poses, scans are pseudo-labelled at these. Without them, the site localises the drive
+itself:
+
+1. Follow the drive through the site, once as it came and once backwards.
+2. Take for each scan the surer of its two fixes, if it reaches the target precision.
+3. Fill the gaps between two fixes by odometry, where it leads from the one to the other.
+4. Thin the scans that have a pose to one every STEP_M.
+
+update.py then makes the site learn these scans.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from pipeline.core.errors import LogError
+from pipeline.core.frames import Poses, Stamps, Trajectory, travelled_m
+from pipeline.matching.ranking import Rows
+from pipeline.online.inputs import NO_POSE, Scan
+from pipeline.online.site import Fix, Site, finite
+from pipeline.online.tracking import Tracker
+from pipeline.posing.registration import Points
+from pipeline.posing.verdict import OF_SCANS
+
+STEP_M = 0.8
+"""Adopted scans are at least this far apart: a little less than two submaps are."""
+
+
+class NoPseudoLabelsError(LogError):
+    """No scan of a drive can be learned."""
+
+
+@dataclass(frozen=True)
+class PseudoLabels:
+    """Scans of one day that a site is to learn, a row each."""
+
+    points: tuple[Points, ...]
+    """(n, 3) each: x forward, y left, z up from the ground, in metres."""
+    stamps_ns: Stamps
+    world_T_scan: Poses
+    """(scan, 4, 4) the poses that they are learned at."""
+    probability: NDArray[np.float64]
+    """(scan,) the probability that the pose is right; 1 for a reference pose."""
+    wrong: NDArray[np.bool_]
+    """(scan,) True where the pose is over 2 m or 5° off the log's true one; False if unknown."""
+    has_reference_poses: bool
+    """Whether the poses are reference poses: only these can bring places that the site does not
+    have.
+    """
+    scan_count: int
+    """The number of all scans of the day, pseudo-labelled or not."""
+
+    def views(self, site: Site) -> Rows:
+        """What the site's method sees in each scan."""
+        return Rows(
+            np.stack([site.view(points_m) for points_m in self.points]),
+            self.stamps_ns,
+            self.world_T_scan,
+        )
+
+
+def from_site(
+    site: Site, scans: Sequence[Scan], target_precision: float | None = 0.99
+) -> PseudoLabels:
+    """Pseudo-label scans of one drive at the site's own fixes, where these keep a target precision.
+
+    Without a target precision every fix that has a pose will do. Raises NoPseudoLabelsError where
+    no scan is pseudo-labelled, or the site has no threshold for the target precision.
+    """
+    if target_precision is not None and target_precision not in site.target_precisions:
+        raise NoPseudoLabelsError(
+            f"nothing to learn of {len(scans)} scans: the site has no threshold for the target "
+            f"precision {target_precision:g}"
+        )
+    forwards = followed(site, scans, target_precision)
+    backwards = followed(site, scans[::-1], target_precision)[::-1]
+    poses = np.tile(NO_POSE, (len(scans), 1, 1))
+    probability = np.zeros(len(scans))
+    for row, two_fixes in enumerate(zip(forwards, backwards, strict=True)):
+        accepted_fixes = [fix for fix in two_fixes if accepts(fix, target_precision)]
+        if accepted_fixes:
+            surer_fix = min(accepted_fixes, key=lambda fix: fix.novelty)
+            poses[row] = surer_fix.world_T_sensor
+            probability[row] = surer_fix.probability
+    odom_T_scan = np.array([scan.odom_T_scan for scan in scans]).reshape(-1, 4, 4)
+    bridge(poses, probability, odom_T_scan)
+    return spaced_labels(scans, poses, probability, False, "no fix is accepted")
+
+
+def with_reference_poses(scans: Sequence[Scan], poses: Trajectory | None = None) -> PseudoLabels:
+    """Pseudo-label the scans of a drive at the reference poses.
+
+    These are `poses` at the stamps of the scans, or the log's own true poses. Raises
+    NoPseudoLabelsError where no scan has one.
+    """
+    if poses is None:
+        world_T_scan = np.array([scan.world_T_scan for scan in scans]).reshape(-1, 4, 4)
+    else:
+        # no reference has a pose at −1
+        stamps_ns = [-1 if scan.stamp_ns is None else scan.stamp_ns for scan in scans]
+        world_T_scan, _ = poses.at(np.array(stamps_ns, np.int64))
+    probability = np.ones(len(scans))
+    return spaced_labels(scans, world_T_scan, probability, True, "the reference poses cover none")
+
+
+def followed(site: Site, scans: Sequence[Scan], target_precision: float | None) -> list[Fix]:
+    """The fix of each scan, by a tracker that follows them in this order."""
+    tracker = Tracker(site, target_precision or min(site.target_precisions, default=None))
+    return [tracker.follow(scan, scan.points()) for scan in scans]
+
+
+def accepts(fix: Fix, target_precision: float | None) -> bool:
+    """Whether a scan may be pseudo-labelled at a fix: it is accepted, or if no target precision is
+    asked, a pose."""
+    return fix.verdict == "accepted" if target_precision else fix.verdict != "no pose"
+
+
+def bridge(poses: Poses, probability: NDArray[np.float64], odom_T_scan: Poses) -> None:
+    """Fill gaps (NaN) in poses (n, 4, 4), and their probabilities (n,), by odometry (n, 4, 4), in
+    place.
+
+    A gap is filled where odometry leads from the pose before it to the one after it within 2 m and
+    5°. What it is off is spread over the path. The probability of a filled pose is that of the less
+    sure end.
+    """
+    posed_rows = np.flatnonzero(np.isfinite(poses).all((1, 2)))
+    for first, last in zip(posed_rows[:-1].tolist(), posed_rows[1:].tolist(), strict=True):
+        if last - first < 2:
+            continue
+        world_T_odom = poses[first] @ np.linalg.inv(odom_T_scan[first])
+        by_odometry = world_T_odom @ odom_T_scan[first : last + 1]
+        is_near_enough = OF_SCANS.right(by_odometry[-1:], poses[last][None])[0]
+        if np.isfinite(by_odometry).all() and is_near_enough:
+            between = slice(first + 1, last)
+            poses[between] = _corrected(by_odometry, poses[last])[1:-1]
+            probability[between] = min(probability[first], probability[last])
+
+
+def _corrected(path: Poses, last: Poses) -> Poses:
+    """A path (n, 4, 4) of odometry, bent in proportion to its length to end at `last` (4, 4)."""
+    path_m = travelled_m(path[:, :3, 3])
+    share = path_m / max(path_m[-1], 1e-9)  # a robot that stood still gets none
+    correction = last @ np.linalg.inv(path[-1])
+    turns = Slerp([0, 1], Rotation.from_matrix([np.eye(3), correction[:3, :3]]))(share)
+    shift_m = (correction @ path)[:, :3, 3] - path[:, :3, 3]
+    corrected = np.tile(np.eye(4), (len(path), 1, 1))
+    corrected[:, :3, :3] = turns.as_matrix() @ path[:, :3, :3]
+    corrected[:, :3, 3] = path[:, :3, 3] + share[:, None] * shift_m
+    return corrected
+
+
+def spaced_labels(
+    scans: Sequence[Scan],
+    poses: Poses,
+    probability: NDArray[np.float64],
+    has_reference_poses: bool,
+    reason: str,
+) -> PseudoLabels:
+    """Pseudo-label the scans that have a pose (n, 4, 4) and lie STEP_M or more from the last
+    pseudo-labelled one.
+
+    `probability` (n,) is that of the poses. Raises NoPseudoLabelsError with the reason where no
+    scan has a pose.
+    """
+    rows: list[int] = []
+    for row in np.flatnonzero(np.isfinite(poses).all((1, 2))).tolist():
+        if not rows or np.linalg.norm(poses[row, :2, 3] - poses[rows[-1], :2, 3]) >= STEP_M:
+            rows.append(row)
+    if not rows:
+        raise NoPseudoLabelsError(f"nothing to learn of {len(scans)} scans: {reason}")
+    stamps_ns = np.array([scans[row].stamp_ns or 0 for row in rows], np.int64)
+    true = np.array([scans[row].world_T_scan for row in rows])
+    wrong = np.isfinite(true).all((1, 2)) & ~OF_SCANS.right(poses[rows], true)
+    points = tuple(finite(scans[row].points()) for row in rows)
+    return PseudoLabels(
+        points, stamps_ns, poses[rows], probability[rows], wrong, has_reference_poses, len(scans)
+    )

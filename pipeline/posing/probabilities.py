@@ -1,0 +1,126 @@
+"""Probabilities: how likely each of a query's possible poses is right, by its features (METHODS
+9.5).
+
+In: for each hypothesis, a possible pose, numbers that speak for it: its FEATURES. Out: the
+probability that it is right. At most one hypothesis of a query is right, so their probabilities are
+shares of 1, by McFadden's conditional logit: exp(s) / (1 + Σ exp(s)), where s is a score linear in
+the features, and the 1 stands for "none of them". So two poses that look similar share one
+probability. `learned` fits the weights of the features to queries whose true poses are known.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FEATURES = ("overlap", "seen_again", "surety", "upright", "margin", "ahead")
+"""What speaks for a hypothesis; more of any of them is never worse.
+
+- overlap, seen_again: shares of what the query and the map have in common (`Agreement`), as means
+  over the submap that the hypothesis was registered against and another one near it;
+- surety: −log₁₀ of the spread of the position in metres;
+- upright: 0 if it is not tilted against the submap, −1 if by 10° or more;
+- lead: how much better its walls fit than elsewhere along the street (`Aliases`);
+- ahead: how much higher its quality is than that of the query's best other hypothesis, negative if
+  it is lower; 0 if there is no other.
+"""
+SCALES = np.array([0.12, 0.25, 0.2, 0.15, 0.12, 0.15])
+"""A usual difference of each feature: weights are learned as if the features were divided by
+these."""
+PRIOR_SD = 0.5
+"""Standard deviation of the prior: of the weights of scaled features around those that learning
+starts from."""
+
+
+@dataclass(frozen=True)
+class Probabilities:
+    """A model of the probability that each hypothesis of a query is right, linear in its
+    features."""
+
+    weights: tuple[float, ...]
+    """(feature,) the weight of each feature, none below 0."""
+    offset: float
+    """The score of a hypothesis whose features are all 0."""
+
+    def scores(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The score (n,) of each hypothesis of one query, from its features (n, feature).
+
+        It is the logarithm of the odds that this one is right, rather than none.
+        """
+        return np.asarray(features @ np.array(self.weights) + self.offset)
+
+    def shares(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The probability (n + 1,) of each hypothesis of one query; the last is that none is
+        right."""
+        scores = np.append(self.scores(features), 0.0)
+        return np.asarray(np.exp(scores - np.logaddexp.reduce(scores)))
+
+    def of(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The probability (n,) of each hypothesis of one query."""
+        return self.shares(features)[:-1]
+
+
+USUAL = Probabilities((9.9, 6.9, 7.9, 5.0, 13.9, 7.5), -21.8)
+"""The model that a site starts from; `learned` moves it by the site's own evidence.
+
+It was learned from later days of two simulated campuses, seeds 2 and 5
+(`python -m benchmarks.usual`).
+"""
+
+
+def learned(
+    features: Sequence[NDArray[np.float64]],
+    right: Sequence[NDArray[np.bool_]],
+    weight: NDArray[np.float64],
+    start: Probabilities = USUAL,
+    scales: NDArray[np.float64] = SCALES,
+) -> Probabilities:
+    """Fit the weights and the offset to q queries whose right hypotheses are known.
+
+    `features` has for each query the features (n, feature) of its n hypotheses, `right` (n,) which
+    of these are right, `weight` (q,) how often the query counts. The result is the most probable
+    model, with a normal prior around the weights of `start` (PRIOR_SD) for features divided by
+    `scales` (feature,). Without any query it is `start`.
+    """
+    from scipy.optimize import minimize  # imported here, since a robot does not learn
+
+    # Arrays of equal length for all queries, with room for the most hypotheses.
+    query_count = len(features)
+    most_hypotheses = max(map(len, features), default=0)
+    if not most_hypotheses:
+        return start
+    scaled = np.zeros((query_count, most_hypotheses, len(scales)))
+    is_present = np.zeros((query_count, most_hypotheses), bool)
+    is_right = np.zeros((query_count, most_hypotheses), bool)
+    for row, (query_features, query_right) in enumerate(zip(features, right, strict=True)):
+        hypotheses = slice(len(query_features))
+        scaled[row, hypotheses] = query_features / scales
+        is_present[row, hypotheses] = True
+        is_right[row, hypotheses] = query_right
+    prior = np.append(np.array(start.weights) * scales, start.offset)
+    has_right = is_right.any(axis=1)
+
+    def loss(weights: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        """The loss of scaled weights and the offset (feature + 1,), with its gradient.
+
+        It is −Σ weight · log(probability of what is true) + Σ (w − prior)² / (2 PRIOR_SD²). What is
+        true is one of the right hypotheses, or if a query has none, that none is right.
+        """
+        scores = np.where(is_present, scaled @ weights[:-1] + weights[-1], -np.inf)
+        log_sum = np.logaddexp.reduce(np.column_stack([np.zeros(query_count), scores]), axis=1)
+        probabilities = np.exp(scores - log_sum[:, None])
+        right_probabilities = np.where(is_right, probabilities, 0.0)
+        total = np.maximum(right_probabilities.sum(axis=1), 1e-300)  # its logarithm stays finite
+        log_likelihood = np.where(has_right, np.log(total), -log_sum)
+        # The derivative (q, n) by each score: its probability, less its share of the right ones'
+        # probability.
+        score_slopes = weight[:, None] * (probabilities - right_probabilities / total[:, None])
+        pull = (weights - prior)[:-1] / PRIOR_SD**2  # the prior's derivative
+        weight_slopes = np.einsum("qn,qns->s", score_slopes, scaled) + pull
+        gradient = np.append(weight_slopes, score_slopes.sum())
+        return float(-weight @ log_likelihood + pull @ (weights - prior)[:-1] / 2), gradient
+
+    bounds = [(0.0, None)] * len(scales) + [(None, None)]
+    best = minimize(loss, prior, jac=True, bounds=bounds, method="L-BFGS-B").x
+    return Probabilities(tuple(map(float, best[:-1] / scales)), float(best[-1]))
