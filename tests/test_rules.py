@@ -19,7 +19,7 @@ import yaml
 
 from pipeline.core.progress import Progress
 from pipeline.matching.ranking import Model, Ranking, Rows
-from pipeline.matching.rejection import Evidence, Rejection
+from pipeline.matching.rejection import NoveltyEvidence, Rejection
 
 ROOT = Path(__file__).parents[1]
 MODULES = sorted(ROOT.glob("pipeline/**/*.py"))
@@ -299,7 +299,7 @@ def test_every_method_learns_and_localises(name, seed, clears):
     arithmetic."""
     model, ranking = learned_and_asked(name, seed, precision="f32", threads=1)
     assert all(isinstance(array, np.ndarray) for array in model.values())
-    assert len(Evidence.of(model).right)
+    assert len(NoveltyEvidence.of(model).right)
     assert isinstance(ranking, Ranking)
     assert ranking.places.shape == ranking.costs.shape == (30, 3)
     assert ranking.xy_m.shape == (30, 3, 2)

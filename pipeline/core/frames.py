@@ -61,7 +61,7 @@ def distance_and_turn(
     distances_m = np.linalg.norm(world_T_a[..., :3, 3] - world_T_b[..., :3, 3], axis=-1)
     traces = np.einsum("...ij,...ij->...", world_T_a[..., :3, :3], world_T_b[..., :3, :3])
     turns_rad = np.arccos(((traces - 1) / 2).clip(-1, 1))  # trace R = 1 + 2 cos(turn)
-    return distances_m, np.rad2deg(turns_rad)
+    return distances_m, np.abs(np.rad2deg(turns_rad))  # the sign of arccos(NaN) is the processor's
 
 
 def flip_ned(poses: Poses) -> Poses:

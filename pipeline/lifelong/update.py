@@ -53,7 +53,7 @@ class Update:
         """Describe the plan in a line."""
         pseudo_labels = self.pseudo_labels
         place_count = len(site.places.cells)
-        way = "has_reference_poses" if pseudo_labels.has_reference_poses else "pseudo_labelled"
+        way = "with reference poses" if pseudo_labels.has_reference_poses else "pseudo-labelled"
         wrong = ""
         if pseudo_labels.wrong.any():
             wrong = f", {pseudo_labels.wrong.sum()} of them wrong by the log's own poses"

@@ -144,7 +144,7 @@ def test_costs_are_beside_the_numbers_of_their_step() -> None:
     course = {
         "place": {"method": "m", "seed": 1},
         "order": "days",
-        "strategy": "tuned",
+        "strategy": "fine_tuned",
         "steps": ["a", "b"],
         "cpu_s": [0.5, 7.0],
     }

@@ -88,10 +88,10 @@ def test_the_training_day_is_learned_in_four_parts_of_equal_length() -> None:
 
 
 def test_places_of_a_later_day_follow_the_known_ones_and_the_grid_is_extended() -> None:
-    first = NO_PLACES.incremental(np.array([[17.0, 0.0], [1.0, 0.0]]))  # cells 2 and 0
+    first = NO_PLACES.extended(np.array([[17.0, 0.0], [1.0, 0.0]]))  # cells 2 and 0
     assert first.cells.tolist() == [0, 2]
     # cell 1, and one four cells before the box of the grid
-    later = first.incremental(np.array([[9.0, 0.0], [-30.0, 0.0]]))
+    later = first.extended(np.array([[9.0, 0.0], [-30.0, 0.0]]))
     assert later.at(
         np.array([[1.0, 0.0], [17.0, 0.0], [-30.0, 0.0], [9.0, 0.0], [60.0, 0.0]])
     ).tolist() == [0, 1, 2, 3, -1]

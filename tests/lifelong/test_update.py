@@ -211,6 +211,6 @@ def test_a_site_learns_a_drive_by_itself_and_one_that_it_does_not_know_changes_n
         site, SelfTrained(0.99), {"known": known, "unknown": unknown}, Progress()
     )
     assert (first.name, first.counts) == ("monday", {})
-    assert second.counts == {"queried": 2, "from_site": 2, "wrong": 0, "changed": 0}
-    assert third.counts == {"queried": 2, "from_site": 0, "wrong": 0, "changed": 0}
+    assert second.counts == {"queried": 2, "pseudo_labelled": 2, "wrong": 0, "changed": 0}
+    assert third.counts == {"queried": 2, "pseudo_labelled": 0, "wrong": 0, "changed": 0}
     assert third.bytes == second.bytes > first.bytes

@@ -14,7 +14,14 @@ from torch import Tensor, nn
 
 from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.core.progress import Progress
-from pipeline.methods.pfl.adversarial import ACCURACY, Training, _take_step, health, pixels, settle
+from pipeline.methods.pfl.adversarial import (
+    ACCURACY,
+    AdversarialMethod,
+    _take_step,
+    health,
+    pixels,
+    settle,
+)
 from pipeline.methods.pfl.bigan import Decoder, Encoder, ImageDiscriminator, JointDiscriminator
 from pipeline.methods.pfl.game import OBJECTIVES, Game, Objective
 from pipeline.networks.loop import reproducible
@@ -183,7 +190,7 @@ def looked_at(game: Game) -> dict[str, float]:
         return health(game.encoder, game.decoder, pixels(DATA[:5], torch.device("cpu")))
 
 
-HOW = Training(
+HOW = AdversarialMethod(
     code=6,
     batch=4,
     learning_rate=0.001,
@@ -199,7 +206,7 @@ def train(
     progress: Progress | None = None,
     judge: Callable[[Game], dict[str, float]] = looked_at,
     rounds: int = 3,
-    how: Training = HOW,
+    how: AdversarialMethod = HOW,
 ) -> dict[str, np.ndarray]:
     with reproducible(1):
         return how.play(game, DATA, judge, rounds, 2, progress or Progress())

@@ -138,7 +138,7 @@ def test_a_zip_of_something_else_is_refused(
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"version": 1}, "a site of version 1, this yearloc reads version 5"),
+        ({"version": 1}, "a site of version 1, this yearloc reads version 6"),
         ({"method": {"_target_": "os.system"}}, "os.system: expected a class of pipeline.methods"),
         ({"view": {"_target_": "pipeline.views.draw.View"}}, "expected a class of"),
         ({"method": about()["method"] | {"candidates": "many"}}, "method.candidates=many"),

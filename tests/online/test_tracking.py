@@ -148,5 +148,5 @@ def test_a_tracked_pose_is_never_called_near(site: Site) -> None:
     rejected."""
     found = Registered.of([hypothesis(0, 0.5)], site.claim_judge.pose)
     fix = site.judge(found, 0.99)
-    assert Tracker(site)._believed(fix, is_tracked=False).verdict == "near"
-    assert Tracker(site)._believed(fix, is_tracked=True).verdict == "rejected"
+    assert Tracker(site)._judged_along_path(fix, is_tracked=False).verdict == "near"
+    assert Tracker(site)._judged_along_path(fix, is_tracked=True).verdict == "rejected"

@@ -20,7 +20,7 @@ from pipeline.evaluation.evaluations import Evaluations
 from pipeline.evaluation.events import Bands
 from pipeline.evaluation.protocols import Distance
 from pipeline.formats.changes import Change, write_changes
-from pipeline.matching.rejection import Evidence
+from pipeline.matching.rejection import NoveltyEvidence
 from pipeline.perturbations import Case
 from pipeline.report.study import StudyResults
 from pipeline.studies import study as studies
@@ -62,7 +62,7 @@ SETTINGS = made_study(
     }
 )
 KNOWN = {"entropy": np.array([0.1, 0.2]), "energy": np.array([1.0, 2.0])}
-EVIDENCE = Evidence(np.array([True, False]), KNOWN, KNOWN, np.arange(2))
+EVIDENCE = NoveltyEvidence(np.array([True, False]), KNOWN, KNOWN, np.arange(2))
 LOSSES = {
     "curves/loss": np.array([2.0, 1.0]),
     "curves/validation_loss": np.array([3.0, 2.0]),
@@ -75,7 +75,7 @@ WRONG = {"sci": (), "sci-4way": (1,), "scan_context": (0, 1), "m2dp": (0, 1)}
 
 def build(
     artifacts: Path,
-    settings: studies.StudyResults = SETTINGS,
+    settings: studies.Study = SETTINGS,
     xy_m: np.ndarray = XY_M,
     misplaced: int = 4,
     **judged_as: Any,
@@ -140,7 +140,7 @@ def build(
 
 
 def judged(
-    settings: studies.StudyResults,
+    settings: studies.Study,
     model: str,
     sequence: str,
     xy_m: np.ndarray,

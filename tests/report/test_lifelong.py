@@ -150,7 +150,7 @@ def test_a_terminal_shows_strategies_in_a_few_lines(study: StudyResults) -> None
         "fine_tuned",
         "0.625",
         "0.125",
-        *["–"] * 4,
+        *["–"] * 3,
     ]
     assert "… and 1 more" in text
     narrow = brief(study.table, {"campus": learned.SETTINGS}, 60).splitlines()

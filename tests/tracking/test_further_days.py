@@ -38,7 +38,7 @@ def test_a_run_is_a_strategy_and_a_point_the_mean_of_a_step(found: dict[str, Run
     ]  # 2/4 and 3/4 of two seeds
     assert fine_tuned.series["recall_by_cells/2012-02-04"] == [(0, 0.5), (1, 0.25)]
     assert fine_tuned.series["cost/cpu_s"] == [(0, 100.0), (1, 2.0)]
-    assert found["sci updates trusting"].series["cost/wrong"] == [(1, 3.5)]
+    assert found["sci self_training self_trained_all"].series["cost/wrong"] == [(1, 3.5)]
     assert fine_tuned.params["seeds"] == 2
     assert fine_tuned.tags["data"] == "simulated"
     for said in (

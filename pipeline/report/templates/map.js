@@ -186,12 +186,12 @@
     const kind = kinds[points[i]], by = choices.by.value === "accepted" ? "distance" : choices.by.value, rank = answers[by].rank[i], seen = answers[by].code[i] % ACCEPTED < 2;
     const { threshold } = answers, novelty = answers.novelty[i];
     const limit = threshold < -1e38 ? "the model refuses everything" : threshold > 1e38 ? "the model accepts everything" : `threshold ${threshold.toPrecision(3)}`;
-    const ground truth = degrees(day.heading[i]), given = answers.heading ? answers.heading[i] : NaN;
+    const groundTruth = degrees(day.heading[i]), given = answers.heading ? answers.heading[i] : NaN;
     return [
       ["Verdict", kind === kinds[3] ? kind.says : `${verb[accepted[i] ? 0 : 1]}, and ${kind.name}: ${kind.says}`],
       ["Error", !hasRow(answers, i) ? "the answer has no position" : `${metres(error_m(i))} from query to answer`],
       ["Novelty", `${novelty.toPrecision(3)} (${answers.kind}); ${limit}`],
-      ["Heading", isFinite(given) ? `${degrees(given)}, true ${ground_truth}, off by ${degrees(Math.abs(around(given - day.heading[i])))}` : `not given; true ${ground_truth}`],
+      ["Heading", isFinite(given) ? `${degrees(given)}, true ${groundTruth}, off by ${degrees(Math.abs(around(given - day.heading[i])))}` : `not given; true ${groundTruth}`],
       ["True place", !seen ? `unseen, by ${by}` : rank < 0 ? `not ranked, by ${by}` : `rank ${rank + 1}, by ${by}`],
       ["Training pose", `${metres(day.nearest_m[i])} away at the nearest`],
     ];
