@@ -46,9 +46,7 @@ def test_a_bag_is_listed_and_what_is_proposed_opens_it(tmp_path: Path, kind: str
     found = inspect(path)
     assert all("looked at)" in warning for warning in found.warnings)  # of clouds of two points
     assert_says(found, "as its reader opens it", "messages  40, 40 with a true pose", "span  4 s")
-    assert_says(
-        found, "odometry  at 100 % of the messages", "/points           40        10 a second"
-    )
+    assert_says(found, "odometry  at 100 % of the messages", "/points        40        10 a second")
     assert_says(
         found, "sensor_msgs/PointCloud2, in lidar", "nav_msgs/Odometry, in map, of base_link"
     )
