@@ -1,5 +1,4 @@
-"""Makes the artifacts of scans, submaps and views as the stages write them, from what a test
-needs."""
+"""Makes artifacts of scans, submaps and views as the stages write them, from the arrays of a test."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -34,7 +33,7 @@ def write_scans(
     odom_variance: np.ndarray | None = None,
     stamps_ns: np.ndarray | None = None,
 ) -> schemas.Scans:
-    """Scans of points (n, 3) each; if nothing is said, their odometry is the ground truth."""
+    """Scans of points (n, 3) each; their odometry is the ground truth unless it is given."""
     count = len(points)
     columns = {
         "points": np.rint(np.concatenate([np.empty((0, 3)), *points]) / GRAIN_M).astype(np.int16),

@@ -14,14 +14,14 @@ class Command(NamedTuple):
     words: tuple[object, ...] = ()
 
     def run(self, *words: object) -> tuple[str, str]:
-        """Run it with further words; returns standard output and standard error."""
+        """Run the command with further words; returns standard output and standard error."""
         self.capsys.readouterr()
         main([str(word) for word in (*self.words, *words)])
         said = self.capsys.readouterr()
         return said.out, said.err
 
     def refused(self, *words: object) -> str:
-        """Run it with further words, which must fail; returns its last line of standard error."""
+        """Run the command with words that it refuses; returns the last line of standard error."""
         with pytest.raises(SystemExit) as stop:
             main([str(word) for word in (*self.words, *words)])
         assert stop.value.code == 1

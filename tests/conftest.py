@@ -1,4 +1,4 @@
-"""What all tests share: real recordings beside the project, and a chain built once."""
+"""Shared by all tests: real recordings beside the project, and a chain that is built once."""
 
 import json
 import os
@@ -19,13 +19,13 @@ settings.register_profile("any machine", deadline=None)
 settings.load_profile("any machine")  # how long an example takes is the machine's doing
 
 JOBS = "tests/test_sweep_jobs.py"
-"""Its tests take long, and share no more with each other than the chain."""
+"""Modules whose tests take long and share only the chain."""
 ORDER = (
     *("tests/test_chain.py", "tests/report", "tests/online", "tests/methods"),
     *("tests/test_own_data.py", "tests/test_dvc_session.py", "tests/test_sweep.py", JOBS),
 )
-"""What takes long comes first, so that workers end together: the chain, what needs it not, what
-needs it; and then all that is short."""
+"""Long tests come first, so that workers end together: the chain, the tests that do not need it,
+the tests that need it; then all short tests."""
 
 
 STRESS = '"2014-07-28-14-30-00": "all reversed", "2015-01-14-14-30-00": "bare, 2.5 m to the left", '
@@ -35,12 +35,12 @@ LESS = (
     ("conf/poses.yaml", "every_m: 5.0", "every_m: 20.0"),
     ("conf/poses.yaml", "enough: 150", "enough: 10"),
 )
-"""What the chain does less of: one day of stress is enough, and nothing is sure in so small a
-world."""
+"""What is left out of the chain: one stress day is enough, and nothing is significant in so small
+a world."""
 
 
 class ByFile(LoadFileScheduling):  # type: ignore[misc]
-    """A file goes to one worker, which makes its fixtures once; tests of JOBS go one by one."""
+    """Gives each file to one worker, which makes its fixtures once, and tests of JOBS one by one."""
 
     def _split_scope(self, nodeid: str) -> str:
         return nodeid if nodeid.startswith(JOBS) else super()._split_scope(nodeid)
@@ -89,7 +89,7 @@ def seed(request: pytest.FixtureRequest) -> int:
 
 @pytest.fixture
 def clears(record_property: Callable[[str, object], None]) -> Callable[[float, float], None]:
-    """Asserts that what was learned lies above a bar, and notes by how much."""
+    """Assert that a learned score lies above a bar, and note the margin."""
 
     def check(value: float, bar: float) -> None:
         record_property("margin", (float(value), bar))
@@ -131,7 +131,7 @@ def real() -> Path:
 def built(tmp_path_factory: pytest.TempPathFactory) -> Clone:
     """A worker's own copy of the chain of tiny worlds, which DVC builds once.
 
-    Whoever edits it puts it back.
+    A test that edits it restores it.
     """
     alone = "PYTEST_XDIST_WORKER" not in os.environ
     shared = tmp_path_factory.getbasetemp() if alone else tmp_path_factory.getbasetemp().parent

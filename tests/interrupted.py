@@ -1,4 +1,4 @@
-"""What tests of training share: comparing models, and a training that is cut off."""
+"""For tests of training: compares models, and interrupts a training."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

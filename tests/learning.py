@@ -1,4 +1,4 @@
-"""What tests of learning share: a bar that is cleared by a margin."""
+"""For tests of learning: a bar that a score clears by a margin."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""Where a process can be reached."""
+"""The network addresses at which a process can be reached."""
 
 from contextlib import suppress
 
@@ -6,7 +6,7 @@ import psutil
 
 
 def addresses(process: psutil.Process) -> set[str]:
-    """Of all that it and those that it started listen at."""
+    """The addresses at which a process or its children listen."""
     listening: set[str] = set()
     for started in [process, *process.children(recursive=True)]:
         with suppress(psutil.NoSuchProcess):  # it has ended since

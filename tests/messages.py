@@ -1,8 +1,8 @@
 """Writes the tables of messages in docs/troubleshooting.md: `python -m tests.messages`.
 
-A message is a text of the source, with … for each value that is formatted into it. What it means is
-written by hand beside it. Where a text changed, its entry takes the new one; what the source no
-longer says goes; what is raised or warned of and stands nowhere yet is listed at the end.
+A message is a string of the source, with … for each value that is formatted into it. Its explanation
+is written by hand beside it. If a message changed, its row takes the new text. A message that the
+source no longer has is removed. An error or warning without a row is listed at the end of the page.
 """
 
 import ast
@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs/troubleshooting.md"
 FOLDERS = ("pipeline", "stages", "worlds", "benchmarks/papers")
 TEMPLATES = ROOT / "pipeline/report/templates/words.yaml"
-"""The doubts of a report, whose templates are messages too."""
+"""The templates of a report's caveats, which are messages too."""
 OTHERS = """
 ## Other messages
 
@@ -32,13 +32,13 @@ CODE = re.compile(r"(`+)(.+?)\1(?!`)")
 GAP = "…"
 WORD = re.compile(r"[^\W\d_]{2,}")
 FEW = 2
-"""A text of so few words is a value, and nothing to be looked up."""
+"""A text of so few words is a value, not a message to look up."""
 SIMILAR = 0.75
-"""How similar two texts are, from 0 to 1, of which the later has taken the place of the other."""
+"""Least similarity, from 0 to 1, of a changed message and the text that replaces it."""
 
 
 def plain(node: ast.AST) -> str:
-    """A text of the source on one line, with one … for each run of formatted values."""
+    """A string of the source on one line, with one … for each run of formatted values."""
     text = re.sub(rf"\{{[^{{}}{GAP}]*\}}", GAP, " ".join(_joined(node).split()))
     return re.sub(rf"{GAP}(?:\s?{GAP})+", GAP, text)
 
@@ -55,7 +55,7 @@ def _joined(node: ast.AST) -> str:
 
 
 def _raised(node: ast.AST) -> Iterator[ast.AST]:
-    """What is raised or warned of, where the text stands there."""
+    """The texts of errors that are raised and of warnings, where they are written in place."""
     match node:
         case ast.Raise(exc=ast.Call(args=arguments)):
             yield from arguments
@@ -64,7 +64,7 @@ def _raised(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def sources() -> dict[str, str]:
-    """Room to the text of its modules."""
+    """The source of all modules, by the room that they are in."""
     rooms: dict[str, str] = {}
     for path in sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")):
         room = ".".join(path.relative_to(ROOT).with_suffix("").parts[:2])
@@ -87,7 +87,7 @@ def written(page: str, rooms: Mapping[str, str], templates: str = "") -> str:
     }
 
     def current(message: str) -> str:
-        """The message as the source has it now; empty if it has none like it."""
+        """The present text of a message; empty if the source has no similar one."""
         if message in texts or all(part.strip() in words for part in message.split(GAP)):
             return message
         for text in get_close_matches(message, unlisted, n=1, cutoff=SIMILAR):
@@ -110,7 +110,7 @@ def _messages(row: re.Match[str]) -> list[str]:
 
 
 def _code(text: str) -> str:
-    """As code of Markdown in a table."""
+    """A text as code in a table of Markdown."""
     text = text.replace("|", "\\|")
     return f"`` {text} ``" if "`" in text else f"`{text}`"
 

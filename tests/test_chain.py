@@ -163,8 +163,7 @@ def test_processes_and_a_scheduler_with_two_workers_give_the_bytes_of_threads(
 
 
 def test_a_second_run_runs_nothing_whatever_the_clock_says(built):
-    """Outputs and sources of years to come, and of long ago: what is there is reported by its
-    content."""
+    """Outputs and sources get dates in the future and in the past: DVC goes by their content."""
     for number, folder in enumerate(("artifacts", "conf", "pipeline", "stages", "dag")):
         for path in (built.folder / folder).rglob("*"):
             os.utime(path, (year_s := (4e9, 1e9)[(number + len(path.name)) % 2], year_s))
@@ -240,8 +239,8 @@ def test_poses_are_a_variant_in_the_table_and_place_what_the_model_cannot(built)
     ).all()  # tiny training; walls find the places
     assert (values["pose", "within_2m_5deg"] > 0.6).all()
     assert "within_2m_5deg" not in values[""].index
-    # Validation queries are too few for a verdict here; odometry carries what was found to queries
-    # that find nothing.
+    # Validation queries are too few for a verdict here; odometry carries the poses that were found
+    # to queries without one.
     for path in ("filter", "graph_all"):
         assert (values[f"pose-{path}", "within_2m_5deg"] >= values["pose", "within_2m_5deg"]).all()
     perturbed = table[

@@ -181,13 +181,13 @@ def test_studies_do_not_change_while_dvc_works_on_them(project, capsys):
         for words in ("use town", "use campus world=tiny budget=demo", "repair"):
             line = refused(capsys, *words.split())
             assert "`dvc` works in this folder, and nothing was changed" in line
-        main(["use"])  # `make dashboard` asks so for their names
+        main(["use"])  # as `make dashboard` does to get their names
         main(["use", "campus", "world=tiny"])
     assert studies(project) == before
     main(["use", "town"])
 
 
-def test_level_sweeps_have_poses_unperturbed_alone(project, capsys):
+def test_only_unperturbed_level_sweeps_have_poses(project, capsys):
     """Level sweeps are gathered along a path, and a perturbed query has none."""
     carmen_log(project / "logs", name="drive.log")
     use = ("use", "carmen", f"root={project / 'logs'}", "poses=sci_ring")
@@ -270,7 +270,7 @@ MISTAKES = {
     "inspect monday --save /nowhere/robot.yaml": "conf/dataset/NAME.yaml",
     "inspect monday --save conf/dataset/nclt.yaml": "there already",
 }
-"""Words, and what is expected instead of them."""
+"""Wrong words, and the values that the error expects."""
 
 
 def test_a_mistake_is_one_line_that_says_what_was_expected(project, capsys):
@@ -296,7 +296,7 @@ def test_ctrl_c_is_one_line(project, capsys, monkeypatch):
     assert capsys.readouterr().err == "yearloc methods: interrupted\n"
 
 
-def test_a_broken_list_of_studies_is_written_anew(project, capsys):
+def test_a_broken_list_of_studies_is_rewritten(project, capsys):
     for text in ("studies: {campus: year}\n", "studies: [\n", ""):
         (project / "conf/studies.yaml").write_text(text)
         assert "yearloc use campus" in refused(capsys, "use")
@@ -507,7 +507,7 @@ MISTYPED = {
     "yearloc localize | a b --lift 0 --body-T-lidar 0": "--body-T-lidar: not together with --lift",
     "yearloc results | method=sci": "method=sci: a word of --where or --write, and neither is there",
 }
-"""A command, the words after it, and what is said of them."""
+"""A command, the words after it, and the error."""
 
 
 def test_a_mistyped_command_option_or_value_is_one_line(capsys):

@@ -1,5 +1,5 @@
-"""What the code and the pages refer to is there: sections of METHODS, targets of links, commands,
-modules and files of conf/."""
+"""References in code and pages exist: sections of METHODS, targets of links, commands, modules and
+files of conf/."""
 
 import importlib.util
 import re
@@ -45,7 +45,7 @@ YEARLOC: Any = get_command(app)
 COMMANDS = YEARLOC.commands
 OPTIONS = {"--help", *(option for parameter in YEARLOC.params for option in parameter.opts)}
 PLACEHOLDER = re.compile(r"\b[A-Z]{4,}\b|…")
-"""DATE, NAME or STUDY: what a reader replaces."""
+"""DATE, NAME or STUDY: words that a reader replaces."""
 LOADED = re.compile(r"""<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=["']?(?:https?:)?//""")
 
 
@@ -59,7 +59,7 @@ def sections(text: str) -> set[str]:
 
 
 def anchors(text: str) -> set[str]:
-    """As GitHub makes them of headings."""
+    """The anchors that GitHub makes of headings."""
     headings = re.findall(r"^#+ (.+)$", FENCED.sub("", text), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
@@ -80,7 +80,7 @@ def split(lines: Iterable[str]) -> list[list[str]]:
 
 
 def commands(page: Path) -> list[list[str]]:
-    """What a page's blocks say to type."""
+    """The commands in the code blocks of a page."""
     return split(
         line
         for block in BLOCK.findall(page.read_text())
@@ -89,14 +89,13 @@ def commands(page: Path) -> list[list[str]]:
 
 
 def mentioned(page: Path) -> list[list[str]]:
-    """Commands in a page's sentences, with or without all that they need."""
+    """Commands in the sentences of a page, perhaps without required options."""
     codes = CODE.findall(FENCED.sub("", page.read_text()))
     return split(code[1:-1] for code in codes if not PLACEHOLDER.search(code))
 
 
 def check_use(words: list[str]) -> None:
-    """Raise ConfigError for a data set or an option that there is not; whether data lie at `root`
-    is not asked."""
+    """Raise ConfigError for an unknown data set or option; data at `root` are not needed."""
     options = dict(word.split("=", 1) for word in words if "=" in word)
     for name in (word for word in words if "=" not in word):
         known = (
@@ -116,7 +115,7 @@ def check_use(words: list[str]) -> None:
 
 
 def check(words: list[str]) -> None:
-    """Fail unless the command's parser, or the Makefile, knows all that it says."""
+    """Fail unless the command's parser, or the Makefile, knows all of its words."""
     if words[0] == "make":
         assert {word for word in words[1:] if "=" not in word} <= TARGETS, words
     elif words[:2] == ["python", "-m"]:

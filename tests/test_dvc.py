@@ -26,8 +26,8 @@ UNTRACKED_MODULES = {
     "pipeline.kernel_cache",
     *(f"pipeline.running.{name}" for name in ("process", "telemetry", "texts")),
 }
-"""Nor can where compiled kernels are kept, who computes, what a stage costs, how it ends when asked
-to, how memory is kept, and what is said of a broken file."""
+"""Modules that cannot change a result either: they choose where compiled kernels are kept and who
+computes, sample costs, end a stage on SIGTERM, keep memory, and report a broken file."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,8 @@ class Instance:
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the project whose studies ask every question but `lifelong`, so that every stage
-    has an instance."""
+    """A copy of the project whose studies have every kind of experiment but `lifelong`, so that
+    every stage has an instance."""
     clone = Clone(tmp_path_factory.mktemp("dvc"))
     clone.run(
         "yearloc", "use", "campus", "world=tiny", "poses=slam,sci_ring", "paths=filter,graph_all"

@@ -36,7 +36,7 @@ STUDY = (
     *("variants=", "perturbed=", "latency=no"),
 )
 KILLED = ("artifacts/logs/campus/.2012-06-15.*.scratch", ".checkpoints/*.safetensors")
-"""Where these appear a run is killed: once in the simulation, once in training."""
+"""A run is killed when one of these files appears: once in the simulation, once in training."""
 
 
 @pytest.fixture(scope="module")
@@ -47,15 +47,15 @@ def clone(tmp_path_factory: pytest.TempPathFactory) -> Clone:
     clone.draw_small()
     clone.run(*STUDY, "tests=2012-06-15")
     commit(clone, "the study")
-    for sign in KILLED:
-        kill_at(clone, sign)
+    for file in KILLED:
+        kill_at(clone, file)
         clone.run("yearloc", "repair")
     clone.run("dvc", "repro")
     return clone
 
 
-def kill_at(clone: Clone, sign: str) -> None:
-    """Run `dvc repro`, and kill it with all that it started once such a file is there."""
+def kill_at(clone: Clone, file: str) -> None:
+    """Run `dvc repro`, and kill it with all that it started once a file of this name is there."""
     running = subprocess.Popen(
         [str(BIN / "dvc"), "repro"],
         cwd=clone.folder,
@@ -65,8 +65,8 @@ def kill_at(clone: Clone, sign: str) -> None:
         stderr=subprocess.DEVNULL,
     )
     deadline = time.monotonic() + 300
-    while not list(clone.folder.glob(sign)):
-        assert running.poll() is None, f"the chain ended before {sign} appeared"
+    while not list(clone.folder.glob(file)):
+        assert running.poll() is None, f"the chain ended before {file} appeared"
         assert time.monotonic() < deadline
         time.sleep(0.01)
     os.killpg(running.pid, signal.SIGKILL)
@@ -86,7 +86,7 @@ def shown(clone: Clone, *command: str) -> dict[str, dict[str, dict[str, float]]]
 
 
 def test_killed_runs_end_bit_for_bit_as_undisturbed_ones(clone: Clone, built: Clone) -> None:
-    """What is asked and reported of it differs: the other study has perturbed queries too."""
+    """Only queries and reports differ: the other study has perturbed queries too."""
     kinds = ("logs", "scans", "submaps", "views", "labels", "train")
     digests = {
         path: digest

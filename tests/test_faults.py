@@ -94,7 +94,7 @@ serve a.site --port 8765 --host 127.0.0.1 --workers 1 --zenoh tcp/127.0.0.1:7447
 watch a.site scan.npy --save a.rrd --target-precision 0.99 --every 1
 failures campus/10m/sci_ring 2012-02-04 --worst 20 -o failures --target-precision 0.99
 picture campus/10m/sci_ring 2012-02-04 -o a.gif
-grow a.site scan.npy -o b.site --poses log --target-precision 0.99 --topic /points --odometry tf:a>b
+update a.site scan.npy -o b.site --poses log --target-precision 0.99 --topic /points --odometry tf:a>b
 """
 VALUES = """
 -1 0 1e999 nan true null ~ [1] {} {0} %s é ⛄ 0x10 -o , = - -- ' " $(id) `id` http:// http://[ http://127.0.0.1:9/%

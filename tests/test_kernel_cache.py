@@ -1,5 +1,4 @@
-"""Compiled kernels are kept where a folder can be written; the user is reported of a slow first
-start."""
+"""Compiled kernels are kept where a folder can be written; a slow first start is reported."""
 
 import importlib.util
 import os

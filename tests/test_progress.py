@@ -1,4 +1,4 @@
-"""Without a terminal, as in a log file, progress is a line now and then instead of a bar."""
+"""Without a terminal, as in a log file, progress is an occasional line instead of a bar."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The house's rules that no other test holds."""
+"""The rules of the project that no other test checks."""
 
 import ast
 import itertools
@@ -98,7 +98,7 @@ def test_every_package_has_its_layer():
 
 
 def test_the_library_neither_prints_nor_exits():
-    """But for the command line."""
+    """Only the command line does."""
     for path in (path for path in MODULES if path.parent.name != "cli"):
         calls = {
             ast.unparse(node.func)
@@ -263,11 +263,11 @@ SMALL = {"rings": 16, "sectors": 48}
 
 
 MORE_STEPS = {"sci": {"share": 0.06, "batch": 8}}
-"""Of what takes thirty views at once, and so few steps that it knows half of the places with one
-seed in ten."""
+"""Settings with thirty views a step, and so few steps that one seed in ten learns only half of the
+places."""
 
 
-def learned_and_asked(name: str, seed: int, **settings: object) -> tuple[Model, Ranking]:
+def learned_and_queried(name: str, seed: int, **settings: object) -> tuple[Model, Ranking]:
     """A method's model of the places, and its answers to views of them under other noise."""
     conf = yaml.safe_load((ROOT / f"conf/method/{name}.yaml").read_text())
     look = yaml.safe_load((ROOT / f"conf/view/{conf['view']}.yaml").read_text())
@@ -297,7 +297,7 @@ def learned_and_asked(name: str, seed: int, **settings: object) -> tuple[Model, 
 def test_every_method_learns_and_localises(name, seed, clears):
     """In float32, and long enough that any method knows the places whatever the processor's
     arithmetic."""
-    model, ranking = learned_and_asked(name, seed, precision="f32", threads=1)
+    model, ranking = learned_and_queried(name, seed, precision="f32", threads=1)
     assert all(isinstance(array, np.ndarray) for array in model.values())
     assert len(NoveltyEvidence.of(model).right)
     assert isinstance(ranking, Ranking)
@@ -315,10 +315,9 @@ def test_every_method_learns_and_localises(name, seed, clears):
     "name",
     [name for name in METHODS if "precision" in (ROOT / f"conf/method/{name}.yaml").read_text()],
 )
-def test_in_bfloat16_a_network_learns_finite_numbers_and_more_than_probability(name, seed, clears):
-    """Processors differ in how they sum it, so it is asked for no more: probability is one in
-    six."""
-    model, ranking = learned_and_asked(name, seed, precision="bf16", threads=1)
+def test_in_bfloat16_a_network_learns_finite_numbers_and_is_better_than_chance(name, seed, clears):
+    """Processors sum differently, so no more is expected; a guess is right once in six."""
+    model, ranking = learned_and_queried(name, seed, precision="bf16", threads=1)
     assert all(
         np.isfinite(array).all()
         for key, array in model.items()

@@ -31,7 +31,7 @@ def kitti_date(sequence: str) -> date:
     """The date of a KITTI log by its two digits, such as 00; raises ConfigError for others."""
     if kitti_log(sequence) != sequence:
         raise ConfigError(
-            f"sequence {sequence}: is a part; the table names whole logs, such as "
+            f"sequence {sequence}: is a split; the table names whole logs, such as "
             f"'{kitti_log(sequence)}'"
         )
     return KITTI_DATE
@@ -42,7 +42,7 @@ def kitti_log(sequence: str) -> str:
     match = re.fullmatch(r"(\d\d)(-[ab])?", str(sequence))
     if not match:
         raise ConfigError(
-            f"sequence {sequence}: expected a log's two digits such as '00', or its part '00-a' or "
-            "'00-b'"
+            f"sequence {sequence}: expected a log's two digits such as '00', or its split "
+            "'00-a' or '00-b'"
         )
     return match[1]

@@ -227,7 +227,7 @@ class Simulation:
         return routes, routes.test(robot.departs(entry), shares)
 
     def _entry_name(self, sequence: str) -> str:
-        """The name of a sequence's entry: its own name, or that of its log for a part of one."""
+        """The name of a sequence's entry: its own name, or that of its log for a split of one."""
         name = kitti_log(sequence) if self._robot.loops else sequence
         if name not in self.sequences:
             raise ConfigError(

@@ -43,10 +43,8 @@ def machine_refusal(error: BaseException) -> str:
     if isinstance(error, MemoryError):
         return "not enough memory: fewer workers or a smaller view need less"
     if isinstance(error, OSError) and error.errno in MACHINE_ERRNOS:
-        return (
-            f"{error.filename or 'a file'}: {str(error.strerror).lower()}; fix that and run it "
-            "again"
-        )
+        place = error.filename or "a file"
+        return f"{place}: {str(error.strerror).lower()}; fix that and run it again"
     return ""
 
 

@@ -80,7 +80,7 @@ def turns(left_rad: NDArray[np.float64]) -> Poses:
 
 
 def transformed(a_T_b: NDArray[np.float64], points_b: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Points (n, 3), or (n, 2) of a plane, in metres, moved from frame b into frame a.
+    """Points (n, 3), or (n, 2) of a plane, in metres, transformed from frame b into frame a.
 
     `a_T_b` is a pose (4, 4), or for points of a plane one of a plane (3, 3).
     """
@@ -118,7 +118,7 @@ LEVEL_RIGHT_WITHIN = (1.0, 10.0)
 
 @dataclass(frozen=True)
 class Trajectory:
-    """The poses of a body at increasing stamps; a row with a NaN is a gap, where none is known."""
+    """The poses of a body at increasing stamps; a row with a NaN is a gap, without a known pose."""
 
     stamps_ns: Stamps
     """(n,) strictly increasing."""

@@ -82,7 +82,7 @@ class Estimates(Artifact, kind="slam", version=1):
         NDArray[np.float64],
         Array(
             ("scan", "row", "col"),
-            "pose by registering scan to scan, before loops are closed; starts again after a break",
+            "pose by registering scan to scan, before loop closure; starts again after a break",
             unit="m",
         ),
     ]
@@ -440,15 +440,13 @@ class Rankings(SequenceRanking, kind="rankings", version=6):
 
     validation_precision: Annotated[
         tuple[float, ...],
-        "the precision that each threshold keeps on the validation blocks: target_precision or "
-        "less, "
-        "null if it accepts nothing",
+        "the precision that each threshold reaches on the validation blocks: target_precision or "
+        "less, null if it accepts nothing",
     ]
 
 
 JUDGED_PRECISION = 0.99
-"""The one of `target_precisions`, precisions of accepted poses, that results and pictures are
-judged at."""
+"""The target precision at which results and pictures judge poses; one of `target_precisions`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -459,7 +457,7 @@ class Fixes(SequenceRanking, kind="fixes", version=6):
         NDArray[np.float64],
         Array(
             ("query", "row", "col"),
-            "the query's pose; NaN where it has too few points to tell",
+            "the query's pose; NaN where it has too few points to register",
             unit="m",
         ),
     ]
@@ -479,25 +477,26 @@ class Fixes(SequenceRanking, kind="fixes", version=6):
             "own fix",
         ),
     ]
-    target_precisions: Annotated[tuple[float, ...], "target precisions of accepted poses"]
+    target_precisions: Annotated[
+        tuple[float, ...], "shares of right poses among the accepted ones that a user may ask for"
+    ]
     pose_thresholds: Annotated[
         tuple[float, ...],
-        "for each target precision, the first kind's novelty from which a pose is rejected to "
-        "keep it, by "
-        "validation blocks of the training sequence",
+        "for each target precision, the novelty of the first kind from which a pose is rejected; "
+        "chosen on validation blocks of the training sequence",
     ]
     place_thresholds: Annotated[
         tuple[float, ...],
-        "the same for the novelty `place`, by which the query is within 15 m of its pose",
+        "the same of the novelty `place`: the claim is that the query is within 15 m of its pose",
     ]
     several_thresholds: Annotated[
         tuple[float, ...],
-        "the same for the novelty `several`, by which one of its first poses is right",
+        "the same of the novelty `several`: the claim is that one of its first poses is right",
     ]
     validation: Annotated[
         int,
-        "how many validation blocks there are, each asked unperturbed, aged, and without its "
-        "surroundings",
+        "how many validation blocks there are; each is queried unperturbed, with simulated "
+        "ageing, and without its surroundings",
     ]
     right_within: Annotated[
         tuple[float, float],
@@ -505,10 +504,11 @@ class Fixes(SequenceRanking, kind="fixes", version=6):
     ]
 
     def reject_from(self, target_precision: float = JUDGED_PRECISION, claim: str = "fix") -> float:
-        """The novelty from which a claim is rejected, to keep the precision `target_precision`.
+        """The novelty from which a claim is rejected, so that accepted claims reach a precision.
 
-        The claim is that the pose is right (`fix`), that the query is near it (`place`), or that
-        one of the query's first poses is right (`several`).
+        The precision is `target_precision`, one of `target_precisions`. The claim is that the pose
+        is right (`fix`), that the query is near it (`place`), or that one of the query's first
+        poses is right (`several`).
         """
         thresholds = {
             "fix": self.pose_thresholds,
@@ -547,7 +547,7 @@ class Maps(Artifact, kind="maps", version=1):
 
 @dataclass(frozen=True, eq=False)
 class Verdicts(Artifact, kind="verdict", version=2):
-    """What validation blocks of the training day teach: when to accept a pose."""
+    """When to accept a pose, as learned from validation blocks of the training day."""
 
     pose_weights: Annotated[
         NDArray[np.float64],
@@ -563,23 +563,30 @@ class Verdicts(Artifact, kind="verdict", version=2):
     ]
     expected_features: Annotated[
         NDArray[np.float64],
-        Array(("right_fix", "scan_feature"), "features of a right fix, by which others are judged"),
+        Array(
+            ("right_fix", "scan_feature"),
+            "features of a right fix, with which those of a query are compared",
+        ),
     ]
-    pose_offset: Annotated[float, "log odds of a pose to be right where all features are 0"]
-    place_offset: Annotated[float, "log odds of a pose to be near where all features are 0"]
-    target_precisions: Annotated[tuple[float, ...], "target precisions of accepted poses"]
+    pose_offset: Annotated[float, "log odds that a pose is right where all features are 0"]
+    place_offset: Annotated[float, "log odds that a pose is near where all features are 0"]
+    target_precisions: Annotated[
+        tuple[float, ...], "shares of right poses among the accepted ones that a user may ask for"
+    ]
     pose_thresholds: Annotated[
         tuple[float, ...],
-        "for each target precision, the error probability from which a pose is rejected to keep it",
+        "for each target precision, the error probability from which a pose is rejected",
     ]
-    place_thresholds: Annotated[tuple[float, ...], "the same, that a query is near its pose"]
+    place_thresholds: Annotated[
+        tuple[float, ...], "the same of the claim that a query is near its pose"
+    ]
     several_thresholds: Annotated[
-        tuple[float, ...], "the same, that one of a query's first poses is right"
+        tuple[float, ...], "the same of the claim that one of a query's first poses is right"
     ]
     validation: Annotated[int, "how many validation blocks there are"]
     unseen_share: Annotated[float, "share of queries that are expected where training never went"]
-    fix_count: Annotated[int, "how many fixes of validation queries there are"]
-    least_overlap: Annotated[float, "overlap from which on a rough registration is refined"]
+    fix_count: Annotated[int, "how many fixes of validation queries it was learned from"]
+    least_overlap: Annotated[float, "overlap from which a rough registration is refined"]
     basis: Annotated[
         str,
         "what it was learned with, as JSON: a digest of the model or of the sweeps' poses, and the "
@@ -589,7 +596,7 @@ class Verdicts(Artifact, kind="verdict", version=2):
 
 @dataclass(frozen=True, eq=False)
 class Lifelong(Artifact, kind="lifelong", version=4):
-    """What a localiser answers to the queries of all queried days after each step of learning."""
+    """What a localiser answers to the queries of all test days after each step of learning."""
 
     right: Annotated[
         NDArray[np.bool_],
@@ -607,7 +614,7 @@ class Lifelong(Artifact, kind="lifelong", version=4):
     ]
     known_from: Annotated[
         NDArray[np.int64],
-        Array(("query",), "the step from which on the query's cell was covered; −1 for never"),
+        Array(("query",), "the step from which the query's cell was covered; −1 for never"),
     ]
     day: Annotated[NDArray[np.int64], Array(("query",), "index of the queried day")]
     xy_m: Annotated[
@@ -639,7 +646,6 @@ class Lifelong(Artifact, kind="lifelong", version=4):
     ]
     counts: Annotated[
         Sequence[Mapping[str, int]],
-        "counts of each update: scans asked and pseudo-labelled, pseudo-labelled at a wrong pose, "
-        "submaps that "
-        "changed",
+        "counts of each update: scans that were queried, pseudo-labelled, and pseudo-labelled at a "
+        "wrong pose; submaps that changed",
     ]

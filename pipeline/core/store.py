@@ -256,7 +256,7 @@ def read(path: str | Path, *kinds: type[A]) -> A:
     expected = " or ".join(f"{kind.kind} version {kind.version}" for kind in kinds)
     raise ArtifactError(
         f"{path}: expected {expected}, found {stored_kind} version {stored_version}; `dvc repro` "
-        "builds it again"
+        "rebuilds it"
     )
 
 

@@ -63,7 +63,7 @@ class BagWriter:
         Raises LogError if it is there already.
         """
         if path.exists():
-            raise LogError(f"{path}: exists already; a bag is rewritten, remove it first")
+            raise LogError(f"{path}: exists already; a bag is never overwritten: remove it first")
         path.parent.mkdir(parents=True, exist_ok=True)
         self._store = typestore(1 if kind == "ros1" else 2)
         self._writer: rosbag1.Writer | rosbag2.Writer

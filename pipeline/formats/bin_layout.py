@@ -133,7 +133,7 @@ def refuse_planar(data: bytes, path: Path) -> None:
     if any(_heights_differ(xyz_m) for xyz_m in points_by_width.values()):
         return
     for width in points_by_width:
-        if width % 4 == 0 and not _similar_columns(numbers.reshape(-1, width // 4)):
+        if width % 4 == 0 and not _columns_are_similar(numbers.reshape(-1, width // 4)):
             return
     for column_count in NUMBERS_PER_POINT:
         if len(numbers) % column_count:
@@ -189,8 +189,8 @@ def _heights_differ(xyz_m: NDArray[np.float32]) -> bool:
     return _distributions_differ(finite_points[:, 0], finite_points[:, 2])
 
 
-def _similar_columns(rows: NDArray[np.float32]) -> bool:
-    """Whether all columns of records (n, column) have one distribution."""
+def _columns_are_similar(rows: NDArray[np.float32]) -> bool:
+    """Whether all columns of records (n, column) have the same distribution."""
     finite_rows = rows[np.isfinite(rows).all(axis=1)]
     first_column = finite_rows[:, 0]
     return not any(_distributions_differ(first_column, column) for column in finite_rows.T[1:])
@@ -208,8 +208,8 @@ def _distributions_differ(
     second_sample = second_sample[::stride]
     distance = scipy.stats.ks_2samp(first_sample, second_sample, method="asymp").statistic
     # small samples of one distribution differ by chance, about as the root of 2 / their size
-    probability_distance = 1.5 * np.sqrt(2 / len(first_sample))
-    return bool(distance > MAX_KS_DISTANCE + probability_distance)
+    distance_by_chance = 1.5 * np.sqrt(2 / len(first_sample))
+    return bool(distance > MAX_KS_DISTANCE + distance_by_chance)
 
 
 def _commonest(widths: list[int]) -> int | None:

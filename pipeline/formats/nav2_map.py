@@ -59,7 +59,7 @@ class Keys:
 
 @dataclass(frozen=True)
 class GridMap:
-    """An occupancy grid, placed as in ROS."""
+    """An occupancy grid with the layout of ROS."""
 
     occupancy: NDArray[np.int8]
     """(row, col) in percent, UNKNOWN where nothing is known; row 0 is the lowest of the image."""

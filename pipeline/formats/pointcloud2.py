@@ -27,7 +27,7 @@ DATATYPES = {
 }
 """numpy's types by the numbers of sensor_msgs/PointField.
 
-Only newer ROS distributions have 9, 10 and 11 (a ground truth value in a byte).
+Only newer ROS distributions have 9 and 10 (64-bit integers) and 11 (a boolean in a byte).
 """
 FARTHEST = float(np.finfo(np.float32).max)
 """A larger coordinate, which float32 cannot hold, counts as infinite."""

@@ -103,7 +103,7 @@ def _novelty_rows(artifact: Rankings) -> list[tuple[str, str]]:
         text = f"{_quantiles(values)}; rejects {rejected_share} from {threshold:.4g} on"
         if precision < target_precision:
             text += (
-                f"; keeps {precision:.3f} of the wanted {target_precision:g} on validation blocks"
+                f"; reaches {precision:.3f} of the target {target_precision:g} on validation blocks"
             )
         rows.append((kind, text))
     return rows

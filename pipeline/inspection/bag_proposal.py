@@ -114,7 +114,7 @@ def _with_odometry_alone(poses: TopicSummary, is_sweep: bool) -> str:
     return (
         f"{drift}: they are the odometry; `yearloc use NAME root=FOLDER train=DRIVE poses=slam` "
         "estimates poses in one frame from the scans. To split a single drive, "
-        f"{poses.name} may be named as ground truth"
+        f"{poses.name} may be named as ground_truth"
     )
 
 

@@ -14,7 +14,7 @@ from pipeline.formats.bag import CLOUD
 from pipeline.formats.bag_file import find, is_bag, plain
 from pipeline.inspection.bag_proposal import propose
 from pipeline.inspection.drives import VEHICLE
-from pipeline.inspection.folders import describe_log, describe_sample_of
+from pipeline.inspection.folders import describe_clouds_of, describe_log
 from pipeline.inspection.inspection import Inspection, duration, moment, nbytes, typographic
 from pipeline.inspection.origin import bytes_on_disk
 from pipeline.opening.bag_contents import Contents
@@ -128,6 +128,6 @@ def _try(path: Path, text: str, contents: Contents, inspection: Inspection) -> N
         log = Bag(**reader).open(drive.parent, drive.name)
         describe_log(inspection, log, f"{drive.name}, as its reader opens it", "messages")
         if any(topic.name == reader["points"] for topic in contents.of(CLOUD)):
-            describe_sample_of(inspection, log, VEHICLE)
+            describe_clouds_of(inspection, log, VEHICLE)
     except LogError as error:
         inspection.warn(f"the reader refuses the bag as proposed: {error}")

@@ -37,7 +37,7 @@ HEADER = (
     "ground",
     "sensor above it",
 )
-"""Titles of the columns of a sample's table."""
+"""Titles of the columns in the table of sampled scans."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ def spread(count: int) -> list[int]:
     return sorted({int(row) for row in np.linspace(0, count - 1, SAMPLED_SCANS).round()})
 
 
-def describe_sample(
+def describe_clouds(
     inspection: Inspection, count: int, points: Callable[[int], NDArray[np.floating]], frame: str
 ) -> None:
     """Diagnose a few of `count` scans: add a table, and one warning for each kind of symptom.
@@ -197,7 +197,7 @@ def describe_sample(
 
 
 def _cells(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """The cells of a diagnosis in a sample's table, after the number of its scan."""
+    """The cells of a diagnosis in the table of sampled scans, after the number of its scan."""
 
     def height(height_m: float) -> str:
         return "–" if np.isnan(height_m) else typographic(f"{height_m:.2f} m")

@@ -106,7 +106,7 @@ def row(name: str, array_extent: Extent, column: Array | None = None) -> tuple[s
 
 
 def _number(value: float) -> str:
-    """A number for the terminal: a float with five digits, an integer with its thousands apart."""
+    """A number for the terminal: a float with five digits, an integer with commas (12,345)."""
     if isinstance(value, float):
         text = f"{value:.5g}"
     elif abs(value) < 10**12:  # a count

@@ -71,7 +71,7 @@ def _section(schema: type[Artifact]) -> Iterator[str]:
 
 
 def main() -> None:
-    """Write the tables of docs/artifacts.md again."""
+    """Rewrite the tables of docs/artifacts.md."""
     path = Path(__file__).parents[2] / "docs/artifacts.md"
     path.write_text(page(path.read_text(encoding="utf-8")), encoding="utf-8")
 

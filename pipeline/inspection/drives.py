@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.frames import step_lengths_m
 from pipeline.core.schemas import Scans, Submaps, Views
-from pipeline.inspection.cloud import describe_sample
+from pipeline.inspection.cloud import describe_clouds
 from pipeline.inspection.columns import blocks
 from pipeline.inspection.inspection import Inspection, box, duration, metres, moment, typographic
 
@@ -59,7 +59,7 @@ def add_scans(artifact: Scans, inspection: Inspection) -> None:
             f"{empty_count} scans hold no point: their views would be blank; look at the log's "
             "files",
         )
-        describe_sample(inspection, len(sizes), points, VEHICLE)
+        describe_clouds(inspection, len(sizes), points, VEHICLE)
 
 
 def add_submaps(artifact: Submaps, inspection: Inspection) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.core.errors import LogError
 from pipeline.core.frames import step_lengths_m
 from pipeline.formats import bin_layout, folder, kitti, nclt
-from pipeline.inspection.cloud import describe_sample, spread
+from pipeline.inspection.cloud import describe_clouds, spread
 from pipeline.inspection.drives import VEHICLE
 from pipeline.inspection.files import FORMATS, format_of
 from pipeline.inspection.inspection import Inspection, duration, metres, nbytes, stamp_rows
@@ -59,7 +59,7 @@ def _describe_nclt_scans(path: Path, inspection: Inspection) -> None:
     rows = file_rows(files, nclt.RECORD_BYTES)
     inspection.kind = "NCLT scans of one log"
     inspection.add("", *rows, *rate_rows(inspection, utimes * 1e-6))
-    describe_sample(
+    describe_clouds(
         inspection, len(files), lambda row: read_velodyne_sync(files[row]), "body frame, z up"
     )
 
@@ -84,7 +84,7 @@ def _describe_kitti_scans(path: Path, inspection: Inspection) -> None:
     inspection.kind = "KITTI scans of one log"
     inspection.add("", *rows)
     height_m = Kitti().lidar_height_m
-    describe_sample(
+    describe_clouds(
         inspection,
         len(files),
         lambda row: read_velodyne(files[row], height_m),
@@ -124,7 +124,7 @@ def _describe_own_scans(path: Path, inspection: Inspection) -> None:
     reader = "the dataset folder, with poses beside them: see conf/dataset/folder.yaml"
     inspection.kind = "scans of another robot"
     inspection.add("", *rows, ("read by", reader))
-    describe_sample(
+    describe_clouds(
         inspection,
         len(files),
         lambda row: folder.points(files[row].read_bytes(), files[row], width),
@@ -141,7 +141,7 @@ def describe_sequence(opening: Opening, inspection: Inspection) -> None:
     opened_log = describe_opened(inspection, opening, "as its reader opens it")
     scans = next((path / name for name in FORMATS if (path / name).is_dir()), None)
     if opened_log is not None:
-        describe_sample_of(inspection, opened_log, FRAMES.get(opening.data_set, VEHICLE))
+        describe_clouds_of(inspection, opened_log, FRAMES.get(opening.data_set, VEHICLE))
     elif scans:
         scan_inspection = Inspection(scans)
         describe_scan_folder(scans, None, scan_inspection)
@@ -258,13 +258,13 @@ def describe_log(inspection: Inspection, log: Log, title: str, scans: str) -> No
     )
 
 
-def describe_sample_of(inspection: Inspection, log: Log, frame: str) -> None:
+def describe_clouds_of(inspection: Inspection, log: Log, frame: str) -> None:
     """Add the diagnoses of a few clouds of a log.
 
     Warns if the clouds are in the world frame already, since poses would move them twice: then the
     centre of each cloud lies near the robot's place in the world, not near the origin.
     """
-    describe_sample(inspection, len(log.stamps_ns), log.points, frame)
+    describe_clouds(inspection, len(log.stamps_ns), log.points, frame)
     far_rows = [
         row
         for row in spread(len(log.stamps_ns))

@@ -1,4 +1,4 @@
-"""The result of `yearloc inspect`, and how it is placed for a terminal.
+"""The result of `yearloc inspect`, and its layout on a terminal.
 
 An Inspection has a headline, sections of aligned rows, and warnings. The functions below write
 numbers as people read them: bytes, lengths, durations, dates.

@@ -65,7 +65,7 @@ def describe_sweep(path: Path, inspection: Inspection) -> None:
         ("reflectance", reflectance_text),
         (
             "frame",
-            "the laser's scan plane, z = 0; the reader lays it out in the vehicle by the "
+            "the laser's scan plane, z = 0; the reader places it in the vehicle by the "
             "extrinsics, z up",
         ),
     )

@@ -24,7 +24,7 @@ from pipeline.readers.mounting import Transforms
 
 WORLDS = ("map", "world", "earth", "utm", "enu", "global")
 """Frames that stand still, the likeliest first."""
-TRUE_NAMES = re.compile("ground_truth|gt|gnss|gps|rtk|ins|slam|map|locali")
+TRUE_NAMES = re.compile("truth|gt|gnss|gps|rtk|ins|slam|map|locali")
 """Matches the names of topics that are likely to hold true poses."""
 DRIFTING_NAMES = re.compile("odom|vo|vio|wheel")
 """Matches the names and frames of poses that are likely to drift."""
@@ -179,10 +179,9 @@ def gyroscope(contents: Contents) -> TopicSummary | None:
 
 
 def pose_sources(contents: Contents) -> tuple[TopicSummary | None, TopicSummary | None]:
-    """The source of poses that is most likely the ground truth, and of the others the likeliest
-    odometry.
+    """The source of poses that is most likely the ground truth, and the likeliest odometry.
 
-    Each is None where the bags hold no such source.
+    The two differ. Each is None where the bags hold no such source.
     """
     sources = contents.of(*KINDS)
     tree = contents.transforms.read_all()

@@ -106,7 +106,7 @@ class Carmen:
         if not is_raw and not _repeats_poses(records, sweeps):
             notes.append(
                 "no reading of the odometry repeats a sweep's pose: is it a raw log? Then "
-                "reader.corrected names its ground truth"
+                "reader.corrected names the log of its ground truth"
             )
 
         def points(row: int) -> NDArray[np.float64]:

@@ -52,7 +52,7 @@ def estimates_of(log: Log, path: Path) -> schemas.Estimates:
     """The estimates of a log in the artifact at `path`; LogError if the stamps differ."""
     estimates = store.read(path, schemas.Estimates)
     if not np.array_equal(estimates.stamps_ns, log.stamps_ns):
-        raise LogError(f"{path}: is of another log, its stamps differ; `dvc repro` builds it again")
+        raise LogError(f"{path}: is of another log, its stamps differ; `dvc repro` rebuilds it")
     return estimates
 
 

@@ -1,6 +1,6 @@
 """Reads a drive of the user's own robot, a folder of scan files and a pose file, as a Log.
 
-A sequence is placed in one of two ways:
+A sequence has one of two layouts:
 
     ROOT/SEQUENCE/scans/1326652795.280148.pcd …    scans named by their stamps
     ROOT/SEQUENCE/poses.txt                        TUM poses of any rate

@@ -1,7 +1,7 @@
 """Reads a log of KITTI odometry, Velodyne scans with times and true poses, as a Log (METHODS 7.3).
 
 Each log has a world frame of its own, so two logs cannot be compared. A study therefore trains on
-the first part of one log, the sequence `00-a`, and tests on the other part, `00-b`; `00` is the
+the first split of one log, the sequence `00-a`, and tests on the second one, `00-b`; `00` is the
 whole log.
 """
 
@@ -34,7 +34,7 @@ class Kitti:
     lidar_height_m: Positive = 1.73
     """Height of the Velodyne above the road, added to z."""
     split: Share = 0.5
-    """Share of the path of a log that belongs to its part `-a`."""
+    """Share of the path of a log that belongs to its split `-a`."""
     root_per_sequence: bool = False
     """Whether each sequence has a folder of its own with such a root inside, as in the simulated
     suburb."""
@@ -44,10 +44,10 @@ class Kitti:
     def open(self, root: Path, sequence: str) -> Log:
         """Open a sequence below `root`; raises LogError if it cannot be read."""
         root = root / sequence if self.root_per_sequence else root
-        name, dash, part = sequence.partition("-")
-        if part not in ("a", "b") and dash:
+        name, dash, split = sequence.partition("-")
+        if split not in ("a", "b") and dash:
             raise ConfigError(
-                f"sequence={sequence}: a KITTI sequence is a log, such as 00, or its part 00-a or "
+                f"sequence={sequence}: a KITTI sequence is a log, such as 00, or its split 00-a or "
                 "00-b"
             )
         times_path = root / kitti.TIMES.format(log=name)
@@ -72,10 +72,10 @@ class Kitti:
             notes += (f"{len(poses) - len(rows)} of {len(poses)} scans are not on disk",)
         if self.poses:
             notes += vehicle.warnings("the true poses", Trajectory(stamps_ns, poses, MAX_GAP_S))
-        if part:
+        if split:
             path_m = travelled_m(poses[rows, :3, 3])
             is_in_a = path_m <= self.split * path_m[-1]
-            rows = rows[is_in_a if part == "a" else ~is_in_a]
+            rows = rows[is_in_a if split == "a" else ~is_in_a]
         world_T_scan = log.lifted(poses[rows], self.lidar_height_m)
         odom_T_scan = np.full_like(world_T_scan, np.nan)  # KITTI has no odometry
 

@@ -65,16 +65,14 @@ class Nclt:
             if self.poses and ground_truth_path
             else None
         )
+        ground_truth_name = ground_truth_path.name if ground_truth_path else "the ground truth"
         posed = log.rows_with_poses(
             folder,
             utimes * 1000,
             ground_truth=ground_truth,
             odometry=odometry,
             skipped=skipped,
-            question=(
-                f"is {ground_truth_path.name if ground_truth_path else 'the ground_truth'} of "
-                "this date?"
-            ),
+            question=f"is {ground_truth_name} of this date?",
         )
         utimes = utimes[posed.rows]
         stamps_ns = utimes * 1000

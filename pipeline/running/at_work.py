@@ -1,4 +1,4 @@
-"""Tells whether DVC works in a project just now, and repairs what a kill left of its files.
+"""Finds out whether DVC works in a project just now, and repairs its files after a kill.
 
 Between two stages DVC holds a lock file. While a stage runs, a table names the processes that read
 or write its files.
@@ -31,7 +31,7 @@ def refuse_at_work(root: Path) -> None:
     Commands that would change the studies call this: a `dvc repro` must end with those that it
     began with.
     """
-    if _is_validation(root / LOCK) or _has_holders(root):
+    if _is_held(root / LOCK) or _has_holders(root):
         raise ConfigError(
             "`dvc` works in this folder, and nothing was changed: wait until it ends, or end it"
         )
@@ -106,7 +106,7 @@ def _has_lived_since(pid: int, time_s: float) -> bool:
         return False
 
 
-def _is_validation(lock: Path) -> bool:
+def _is_held(lock: Path) -> bool:
     """Whether a process holds a lock file. The system frees it when that process ends."""
     try:
         with lock.open("rb") as file:

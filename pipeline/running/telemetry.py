@@ -1,9 +1,9 @@
 """Samples the time and memory that a stage uses, and stores them as the trace of its artifact.
 
-A trace is a file of its own, since an artifact's bytes hold no clock and no host: that of
-`artifacts/train/sci.zarr.zip` is `.telemetry/artifacts/train/sci.zarr.zip.json`. It tells of the
-last time that the artifact was built here. Neither git nor DVC tracks it, so a clone that pulls the
-artifact has none.
+A trace is a file of its own, since an artifact's bytes hold no clock and no host: the trace of
+`artifacts/train/sci.zarr.zip` is `.telemetry/artifacts/train/sci.zarr.zip.json`. It describes the
+last build of the artifact on this machine. Neither git nor DVC tracks traces, so a clone that pulls
+the artifact has none.
 """
 
 import json

@@ -91,20 +91,20 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
     Raises ConfigError if it is missing, empty, not UTF-8, no yaml, or has no keys.
     """
-    mend = "fix it, or let `git checkout` bring it back"
+    advice = "fix it, or let `git checkout` bring it back"
     if path.name in WRITTEN:
-        mend = "`yearloc use campus` rewrites it"
+        advice = "`yearloc use campus` rewrites it"
     try:
         content = yaml.load(path.read_text(encoding="utf-8"), LOADER)
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
-        raise ConfigError(f"{path}: no such file; {mend}") from None
+        raise ConfigError(f"{path}: no such file; {advice}") from None
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else "?"
-        raise ConfigError(f"{path}: line {line} is no yaml: {error.problem}; {mend}") from None
+        raise ConfigError(f"{path}: line {line} is no yaml: {error.problem}; {advice}") from None
     except (UnicodeDecodeError, yaml.YAMLError):
-        raise ConfigError(f"{path}: holds bytes that are no text; {mend}") from None
+        raise ConfigError(f"{path}: holds bytes that are no text; {advice}") from None
     if not isinstance(content, dict):
-        raise ConfigError(f"{path}: expected a table of KEY: VALUE; {mend}")
+        raise ConfigError(f"{path}: expected a table of KEY: VALUE; {advice}")
     return content
 
 

@@ -26,8 +26,8 @@ BLOCK = 64
 """Number of views drawn and written together."""
 BLANK_BELOW = 0.01
 """A view whose values are all below this, in metres or its own unit, shows nothing."""
-UNCHANGED = [asdict(Case())]
-"""The `cases` of an artifact whose queries are as they were driven, not perturbed."""
+UNPERTURBED = [asdict(Case())]
+"""The `cases` of an artifact whose queries are all unperturbed."""
 
 
 class View(Protocol):
@@ -50,7 +50,7 @@ class Drawing:
     complaint: ClassVar[str] = (
         "all views are blank, nothing stands off the ground; lift_m, or submap: flat?"
     )
-    """What is said where all views are blank."""
+    """The error where all views are blank."""
 
     def __len__(self) -> int:
         return int(self.submaps["scans"].shape[0])
@@ -83,7 +83,7 @@ class Drawing:
             self.blocks(compute), math.ceil(len(self) / BLOCK), f"draw {path.stem}"
         )
         count = blank = 0
-        with store.draft(path, schema, cases=UNCHANGED) as out:
+        with store.draft(path, schema, cases=UNPERTURBED) as out:
             for images in blocks:
                 out.append("images", images)
                 count += len(images)

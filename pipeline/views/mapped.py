@@ -61,7 +61,7 @@ class MappedViews(Drawing):
         octree_map = self.view.octree.grow()
         number = 0
         for row, points in scan_points(self.scans, 0, int(anchors[-1]) + 1):
-            # 1. Put the scan on the ground, and perturb it if wanted.
+            # 1. Put the scan on the ground, and perturb it where the case says so.
             scan_T_ground = np.eye(4)
             scan_T_ground[2, 3] = ground_m[number]
             points = points - scan_T_ground[:3, 3]

@@ -6,7 +6,7 @@ or adds walls. A case is one such change, made to every query.
 - Most views are drawn from a submap's own points, which are perturbed first.
 - A bird-view is drawn from an octree of many scans. Each scan is perturbed with its own random
   numbers, so an earlier scan may fill what the newest one lacks, and the walls that are added to it
-  stay in the map. Turned queries reuse the unaltered map; only the pose is rotated.
+  stay in the map. Turned queries reuse the unperturbed map; only the pose is rotated.
 """
 
 from collections.abc import Iterator
@@ -59,7 +59,7 @@ def perturbed(
         drawn = _from_maps(scans, submaps, view, perturbation)
     else:
         drawn = _from_points(scans, submaps, view, perturbation)
-    # The array of a case is made with its first image, which tells the shape.
+    # The array of a case is made with its first image, which has the shape.
     images = dict[Case, NDArray[Any]]()
     left_rad = {case: np.zeros(len(stamps_ns)) for case in perturbation.cases[1:]}
     for row, case, image, turn_rad in drawn:
@@ -88,11 +88,10 @@ def _from_points(
 def _from_maps(
     scans: Scans, submaps: Submaps, view: BirdView, perturbation: Perturbation
 ) -> Iterator[PerturbedImage]:
-    """Draw the cases from octrees: a map of perturbed scans each, but turned ones share one."""
+    """Draw the cases from octrees: one map of perturbed scans a case, one for all turned cases."""
     stamps_ns = scans.load("stamps_ns")
     anchors = submaps.load("scans")
-    # Turned cases are drawn from the map of the scans unperturbed, every other case from its own
-    # map.
+    # Turned cases are drawn from the map of unperturbed scans, every other case from its own map.
     unperturbed, *changed_cases = perturbation.cases
     turned_cases = [case for case in changed_cases if case.change == TURNED]
     cases_drawn_from_map_of = {unperturbed: turned_cases} if turned_cases else {}
@@ -111,7 +110,7 @@ def _from_maps(
             for case in cases:
                 left_rad = 0.0
                 if case in turned_cases:
-                    # Only the angle is wanted: the map is seen from a turned pose instead.
+                    # Only the angle is used: the map is seen from a turned pose instead.
                     rng = generator(perturbation, stamps_ns[anchors[row]])
                     _, left_rad = perturbation.perturb(case, newest_points, rng)
                 odom_T_turned = odom_T_robot @ turns(np.array([left_rad]))[0]

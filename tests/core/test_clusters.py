@@ -262,7 +262,7 @@ def test_jobs_of_a_real_slurm_give_the_bytes_of_threads(
 
 
 def test_a_pod_of_kubernetes_sees_the_project_where_the_stage_does() -> None:
-    """What Dask's operator would be sent; no Kubernetes is asked."""
+    """What Dask's operator would be sent; there is no Kubernetes."""
     given = {"image": "yearloc:1", "claim": "data", "mounted": "/srv", "cpu": 2, "memory": "8Gi"}
     spec = pods(3, "/srv/yearloc", **given)["spec"]["worker"]  # type: ignore[arg-type]
     worker = spec["spec"]["containers"][0]

@@ -636,7 +636,7 @@ def test_the_room_on_the_disk_is_checked_before_a_byte_is_fetched(
     assert len(fetch(nclt, tmp_path / "root", DATE)) == 3
 
 
-def test_a_damaged_archive_is_fetched_anew_by_the_next_call(nclt: Served, tmp_path: Path) -> None:
+def test_a_damaged_archive_is_fetched_again_by_the_next_call(nclt: Served, tmp_path: Path) -> None:
     path = f"sensor_data/{DATE}_sen.tar.gz"
     whole = nclt.files[path]
     nclt.files[path] = whole[:-20]  # the publisher's length is as wrong as its content

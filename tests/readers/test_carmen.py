@@ -48,7 +48,7 @@ def test_sweeps_are_counted_where_stamps_stand_still(tmp_path: Path) -> None:
     assert "its stamps stand still: sweeps are counted, 2 s each" in log.notes
 
 
-def test_sweeps_are_counted_where_stamps_are_too_coarse_to_tell_them_apart(tmp_path: Path) -> None:
+def test_sweeps_are_counted_where_stamps_are_too_coarse_to_distinguish_them(tmp_path: Path) -> None:
     # as seconds of ten digits written with six: 1.13486e+09 three times, then 1.13487e+09
     stamps = ("1.13486e+09", "1.13486e+09", "1.13486e+09", "1.13487e+09")
     lines = [flaser([1], f"{x} 0 0", stamp) for x, stamp in enumerate(stamps)]

@@ -23,7 +23,7 @@ def test_the_body_looks_where_it_drives(tmp_path: Path) -> None:
     assert log.skipped == {"no such file": 1}
     driven_m = np.array([[3, 0, 0], [3, -2, 0], [3, -3, 0]])
     assert log.world_T_scan[:, :3, 3] == pytest.approx(driven_m)
-    assert log.odom_T_scan[:, 0, 3] == pytest.approx(0)  # x tells the four sources apart
+    assert log.odom_T_scan[:, 0, 3] == pytest.approx(0)  # x distinguishes the four sources
     assert yaw(log.world_T_scan) == pytest.approx(-np.pi / 2)
     assert log.points(1) == pytest.approx(np.array([[2, 0, 2.5]]))
 

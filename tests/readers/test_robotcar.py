@@ -219,7 +219,7 @@ def test_the_first_sweep_after_a_break_has_no_odometry(tmp_path: Path, before: i
 
 def test_a_break_in_an_outage_is_marked_at_the_first_sweep_with_a_true_pose(tmp_path: Path) -> None:
     # Broken at 200 ms, without a true pose from 150 to 450 ms: sweeps of the new chain go up to the
-    # first with a true pose, which tells of the break. Without it, a submap would join two chains.
+    # first with a true pose, which marks the break. Without it, a submap would join two chains.
     again = [(t + 100, t, 1.0) for t in range(250, 750, 100)]
     vo = chained((100, 0, 1.0), (200, 100, 1.0), *again)
     ins = driven_with_outages(range(0, 1000, 50), range(150, 451), "INS_BAD_GPS_AGREEMENT")

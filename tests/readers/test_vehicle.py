@@ -30,7 +30,7 @@ def straight(count: int = 100, along: tuple[float, float, float] = (1, 0, 0)) ->
     return np.arange(count)[:, None] * np.array(along, np.float64)
 
 
-# Doubts
+# Warnings
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def straight(count: int = 100, along: tuple[float, float, float] = (1, 0, 0)) ->
         ((0.6, 0, 0.8), (0, -40, 0), "climbs or falls by 53° most of the way"),
     ],
 )
-def test_what_no_vehicle_does_is_doubted(
+def test_what_no_vehicle_does_gives_a_warning(
     way: tuple[float, float, float], rpy_deg: tuple[float, float, float], says: str
 ) -> None:
     (line,) = warnings("/odom", drive(straight(along=way), rpy_deg))
@@ -52,7 +52,7 @@ def test_what_no_vehicle_does_is_doubted(
     assert says in line
 
 
-def test_a_heading_that_does_not_follow_the_way_is_doubted() -> None:
+def test_a_heading_that_does_not_follow_the_path_gives_a_warning() -> None:
     """A circle of 100 m driven without turning, as where only positions were measured."""
     turn_rad = np.linspace(0, 2 * np.pi, 600)
     circle = drive(100 * np.column_stack([np.cos(turn_rad), np.sin(turn_rad), 0 * turn_rad]))
@@ -63,13 +63,13 @@ def test_a_heading_that_does_not_follow_the_way_is_doubted() -> None:
     assert warnings("x", Trajectory(circle.stamps_ns, ahead, 0.5)) == ()
 
 
-def test_positions_in_millimetres_are_doubted() -> None:
+def test_positions_in_millimetres_give_a_warning() -> None:
     (line,) = warnings("x", drive(1000 * straight()))
     assert line.startswith("x: the body drives at 10,000 m/s most of the way: are its positions in")
     assert line.endswith(" metres, its stamps in order?")
 
 
-def test_a_vehicle_is_not_doubted() -> None:
+def test_a_vehicle_gives_no_warning() -> None:
     """On a slope of 20 %, pitched and rolled by 10°, driving backwards, standing; and where nothing
     is known."""
     assert warnings("x", drive(straight(along=(0.98, 0, 0.2)), (10, -10, 0))) == ()
@@ -162,7 +162,7 @@ def test_a_row_of_nan_is_a_break_though_no_scan_lies_in_it(tmp_path: Path) -> No
     assert np.flatnonzero(np.isnan(log.odom_T_scan[:, 0, 0])).tolist() == [2]
 
 
-def test_odometry_of_a_bag_starts_anew_where_it_was_set_back(tmp_path: Path) -> None:
+def test_odometry_of_a_bag_starts_again_where_it_was_set_back(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "drive", "mcap") as bag:
         bag.static_transform(START_NS, "base_link", "lidar", np.eye(4))
         for i in range(21):

@@ -1,4 +1,4 @@
-"""DVC's locks tell whether it works in a project, and its files are repaired after a kill."""
+"""DVC's locks show whether it works in a project, and its files are repaired after a kill."""
 
 import fcntl
 import json

@@ -31,7 +31,7 @@ stages:
 """
 
 
-def test_a_lock_tells_which_stage_wrote_a_file(tmp_path: Path) -> None:
+def test_a_lock_names_the_stage_that_wrote_a_file(tmp_path: Path) -> None:
     (tmp_path / "dvc.lock").write_text(LOCK)
     lock = DvcLock.read(tmp_path / "dvc.lock")
     found = lock.entry(Path("artifacts/models/sci.zarr.zip"))

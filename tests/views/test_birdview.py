@@ -122,7 +122,7 @@ def test_the_ground_of_a_slope_is_ground_to_the_robot_on_it(upright: str, drawn:
 )
 def test_the_ground_stays_ground_to_a_robot_that_pitches_over_it(upright: str, drawn: bool) -> None:
     """The robot leans back by 5° on a slope of 3° and its scans count heights from 0.4 m too high;
-    a post tells of no ground."""
+    a post shows no ground."""
     view = BirdView(**vars(VIEW) | {"upright": upright})
     lean = math.radians(5)
     slope = math.tan(math.radians(3))

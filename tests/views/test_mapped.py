@@ -27,7 +27,7 @@ def test_a_pole_seen_once_stays_and_comes_nearer_as_the_robot_drives(tmp_path: P
     assert images[2, 0, 4, 7] == images[0, 0].max()
 
 
-def test_a_log_without_odometry_is_laid_out_by_its_ground_truth(tmp_path: Path) -> None:
+def test_a_log_without_odometry_is_placed_by_its_ground_truth(tmp_path: Path) -> None:
     assert lit(views(tmp_path, known=(False, False, False))) == [1, 2, 3]
 
 

@@ -43,7 +43,7 @@ class Summary(Points):
 
 @dataclass(frozen=True)
 class Fixed:
-    """A perturbation with two cases beside the unperturbed.
+    """A perturbation with two cases beside the unperturbed one.
 
     In one every robot is turned by `left_deg`; in the other a scan misses all its points if its
     random number is below a half.
@@ -85,7 +85,7 @@ class Nothing(Fixed):
         return points_m, 0.0
 
 
-def test_all_cases_but_the_one_unperturbed_are_drawn_of_every_submap(driven: Artifacts) -> None:
+def test_all_cases_but_the_unperturbed_one_are_drawn_of_every_submap(driven: Artifacts) -> None:
     drawn = perturbed(*driven, Summary(), ALL)
     assert tuple(drawn) == ALL.cases[1:]
     assert {len(rows.images) for rows in drawn.values()} == {len(driven[1].load("scans"))}
@@ -100,7 +100,7 @@ def test_a_case_that_changes_nothing_is_what_the_stage_of_the_view_draws(driven:
         np.testing.assert_array_equal(getattr(rows, name), driven[1].load(name))
 
 
-def test_each_case_is_drawn_of_the_perturbed_points(driven: Artifacts) -> None:
+def test_each_case_is_drawn_from_the_perturbed_points(driven: Artifacts) -> None:
     submaps = list(Drawing(*driven, Summary()).points())
     for case, rows in perturbed(*driven, Summary(), ALL).items():
         rngs = [np.random.default_rng((0, stamp)) for stamp in rows.stamps_ns]
@@ -145,7 +145,7 @@ def test_a_robot_turned_by_a_quarter_stands_so_in_the_same_map(
     tmp_path: Path, quarters: int
 ) -> None:
     """With eight headings a quarter turn is two of them: image h shows what image h + 2 showed of
-    the robot unperturbed."""
+    the unperturbed robot."""
     still, left = (
         perturbed(*poles(tmp_path), BIRDVIEW, Fixed(angle)) for angle in (0.0, 90.0 * quarters)
     )

@@ -105,7 +105,7 @@ def test_nothing_has_changed_on_the_training_day_and_more_by_the_summer(small: S
     assert all(0 < one.from_day <= 152 for one in many)
 
 
-def test_a_town_tells_places_in_the_frame_of_its_ins(small: Simulation):
+def test_a_town_reports_places_in_the_frame_of_its_ins(small: Simulation):
     drives = {"2014-07-14-14-49-50": EVEN, "2015-06-14-14-00-00": EVEN}
     town = replace(small, robot="push_broom_car", logs="robotcar", sequences=drives)
     campus, _ = town.year_of(town.routes(), PLAIN)

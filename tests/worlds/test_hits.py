@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from worlds.driving.hits import FALSE_NEGATIVE, hash_u, hit_box, hit_crown, hit_cylinder
+from worlds.driving.hits import MISS, hash_u, hit_box, hit_crown, hit_cylinder
 from worlds.layout.shapes import BOX, CROWN, CYLINDER, records
 
 SIZE = {
@@ -31,11 +31,11 @@ NORTH = (0.0, 1.0, 0.0)
         (WALL, (0.0, 0.0, 1.0), 1.0, 8.0),  # the box spans x 8 to 12
         # a quarter turn: its length lies along y, so that it spans x 7 to 13
         (TURNED, (0.0, 0.0, 1.0), 1.0, 7.0),
-        (WALL, (0.0, 0.0, 4.1), 1.0, FALSE_NEGATIVE),  # above it
-        (WALL, (10.0, 0.0, 1.0), 1.0, FALSE_NEGATIVE),  # from inside it
+        (WALL, (0.0, 0.0, 4.1), 1.0, MISS),  # above it
+        (WALL, (10.0, 0.0, 1.0), 1.0, MISS),  # from inside it
         # −log(u) / 1.5: u = exp(−3) goes 2 m into the 4 m of leaves, u = exp(−9) would need 6 m.
         (HEDGE, (0.0, 0.0, 1.0), np.exp(-3.0), 10.0),
-        (HEDGE, (0.0, 0.0, 1.0), np.exp(-9.0), FALSE_NEGATIVE),
+        (HEDGE, (0.0, 0.0, 1.0), np.exp(-9.0), MISS),
     ],
 )
 def test_a_level_ray_meets_the_near_side_of_a_box(
@@ -43,9 +43,7 @@ def test_a_level_ray_meets_the_near_side_of_a_box(
 ):
     found, cosine = hit_box(box, origin, EAST, u)
     assert found == pytest.approx(range_m)
-    assert cosine == pytest.approx(
-        0.0 if range_m == FALSE_NEGATIVE else 0.8 if box is HEDGE else 1.0
-    )
+    assert cosine == pytest.approx(0.0 if range_m == MISS else 0.8 if box is HEDGE else 1.0)
 
 
 @pytest.mark.parametrize(
@@ -55,7 +53,7 @@ def test_a_level_ray_meets_the_near_side_of_a_box(
         # 0.09) = 4.6, cosine 0.4 / 0.5.
         ((0.0, 0.0, 1.0), (4.5, 1.0)),
         ((0.3, 0.0, 1.0), (4.6, 0.8)),
-        ((0.0, 0.0, 2.1), (FALSE_NEGATIVE, 0.0)),  # over it
+        ((0.0, 0.0, 2.1), (MISS, 0.0)),  # over it
     ],
 )
 def test_a_ray_meets_a_cylinder_at_its_radius(
@@ -66,7 +64,7 @@ def test_a_ray_meets_a_cylinder_at_its_radius(
 
 # Through the middle the crown spans x 7 to 13; −log(exp(−1)) / 0.5 = 2 m into it. exp(−4) would
 # need 8 m of its 6.
-@pytest.mark.parametrize(("u", "range_m"), [(np.exp(-1.0), 9.0), (np.exp(-4.0), FALSE_NEGATIVE)])
+@pytest.mark.parametrize(("u", "range_m"), [(np.exp(-1.0), 9.0), (np.exp(-4.0), MISS)])
 def test_a_crown_stops_a_ray_after_its_free_path(u: float, range_m: float):
     assert hit_crown(TREE, (0.0, 0.0, 5.0), EAST, u)[0] == pytest.approx(range_m)
 

@@ -8,7 +8,7 @@ from tests.worlds.helpers import refused
 from worlds.names import kitti_date, kitti_log, nclt_date, robotcar_time
 
 
-def test_names_tell_when_a_drive_was():
+def test_names_give_the_time_of_a_drive():
     assert nclt_date("2012-01-15") == date(2012, 1, 15)
     assert robotcar_time("2014-07-14-14-49-50") == datetime(2014, 7, 14, 14, 49, 50, tzinfo=UTC)
     assert kitti_date("07") == kitti_date("00")

@@ -55,7 +55,7 @@ def test_visual_odometry_drifts_by_decimetres_over_a_submap(driven: Poses):
     assert 0.3 < np.median(turns_deg) < 0.7
 
 
-def test_visual_odometry_begins_anew_with_every_image(driven: Poses):
+def test_visual_odometry_begins_again_with_every_image(driven: Poses):
     motion = visual_odometry(np.random.default_rng(1), driven[:100])
     true = np.linalg.inv(driven[:99]) @ driven[1:100]
     assert motion.shape == (99, 4, 4)

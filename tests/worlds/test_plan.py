@@ -59,8 +59,8 @@ def test_loops_are_driven_again(unseen: float, reversed_: float):
     plan = plan_loops(generator(0, Stream.LOOPS), STREETS, ROUTE_M, unseen, reversed_)
     assert (plan.unseen, plan.reversed) == pytest.approx((unseen, reversed_), abs=0.05)
     assert plan.coverage > 0.5
-    # By hand: the second half's streets, reported by their middles, against those that the first
-    # half drives.
+    # By hand: the second half's streets, located by their middles, against the streets of
+    # the first half.
     steps = np.array(plan.half_edges)
     lengths_m = STREETS.lengths_m[steps // 2]
     middles_m = np.cumsum(lengths_m) - lengths_m / 2

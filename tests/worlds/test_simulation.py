@@ -110,7 +110,7 @@ def test_the_ground_truth_puts_every_wall_point_on_a_wall(
     assert off_walls_m(small, SUMMER, np.concatenate(points_m)).max() < 0.11
 
 
-def test_the_ground_truth_folder_tells_what_each_point_is(logs: Logs):
+def test_the_ground_truth_folder_has_the_kind_of_each_point(logs: Logs):
     _, ground_truth, recording = logs
     kinds = np.concatenate(
         [np.load(path) for path in sorted((ground_truth / SUMMER / "kinds").iterdir())]

@@ -224,9 +224,9 @@ def _parked_cars(rng: np.random.Generator, campus: Campus, day: int) -> Records:
     waves = np.sin(x_m / OCCUPANCY_WAVE_LENGTH_M + phase_x) * np.sin(
         y_m / OCCUPANCY_WAVE_LENGTH_M + phase_y
     )
-    chance = (occupancy + OCCUPANCY_WAVE * 0.5 * waves).clip(0.02, 0.97)
+    share_taken = (occupancy + OCCUPANCY_WAVE * 0.5 * waves).clip(0.02, 0.97)
     n_slots = len(yaw_rad)
-    is_taken = rng.random(n_slots) < chance
+    is_taken = rng.random(n_slots) < share_taken
     models = rng.choice(len(CAR_SIZES_M), n_slots, p=CAR_SHARES)
     sizes = np.array(CAR_SIZES_M)[models] * rng.uniform(*CAR_SCALE_BOUNDS, (n_slots, 1))
     deviations = rng.normal(0, (*PARKING_SD_M, PARKING_YAW_SD_RAD), (n_slots, 3))

@@ -27,8 +27,7 @@ from worlds.seeds import Stream, generator
 KNOTS_HZ = 10
 """Knots per second: a knot is a time at which the true pose is given. Each scan has one more."""
 LEAD_S = 2.0
-"""Seconds from the begin of the ground truth to the first scan, and from the last scan to its
-end."""
+"""Seconds of true poses before the first scan and after the last one."""
 DEPARTURE = time(14, tzinfo=UTC)
 """Time of a drive whose name is only a date."""
 
@@ -63,9 +62,9 @@ PILOT_WANDER_SD_DEG = 17.0
 PILOT_WANDER_CORRELATION_M = 15.0
 PILOT_WANDER_CLIP_DEG = 69.0
 
-REFERENCE_POSES_STEP_M = 10.0
+REFERENCE_STEP_M = 10.0
 """Distance between the points at which the error of the reference poses is drawn."""
-REFERENCE_POSES_CORRELATION_M = 100.0
+REFERENCE_CORRELATION_M = 100.0
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ class Motion:
 
     @property
     def knot_m(self) -> float:
-        """Distance between two poses of the ground truth."""
+        """Distance between two true poses."""
         return self.speed_mps / KNOTS_HZ
 
 
@@ -153,7 +152,7 @@ class Drive:
         return world_T_body
 
     def time_s(self, scan: int) -> float:
-        """Seconds from the begin of the ground truth to a scan."""
+        """Seconds from the first true pose to a scan."""
         return float(self.utimes[self.scan_rows[scan]] - self.utimes[0]) / 1e6
 
     @property
@@ -235,11 +234,11 @@ def reference_poses(driven: Drive, rng: np.random.Generator, sd_m: float) -> Dri
     """
     knots_m = driven_m(driven.world_T_body[:, :2, 3])
     world_T_reported = driven.world_T_body.copy()
-    count = int(knots_m[-1] / REFERENCE_POSES_STEP_M) + 2  # up to beyond the last knot
-    points_m = REFERENCE_POSES_STEP_M * np.arange(count)
+    count = int(knots_m[-1] / REFERENCE_STEP_M) + 2  # up to beyond the last knot
+    points_m = REFERENCE_STEP_M * np.arange(count)
     for axis in (0, 1):
         error_m = _wander(
-            rng, count, REFERENCE_POSES_STEP_M, sd_m, REFERENCE_POSES_CORRELATION_M, clip=3 * sd_m
+            rng, count, REFERENCE_STEP_M, sd_m, REFERENCE_CORRELATION_M, clip=3 * sd_m
         )
         world_T_reported[:, axis, 3] += np.interp(knots_m, points_m, error_m)
     return replace(driven, world_T_body=world_T_reported)

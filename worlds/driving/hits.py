@@ -1,6 +1,6 @@
 """Intersections of a ray with one shape, in closed form: one function for each kind of shape.
 
-Each returns the range at which the shape stops the ray, FALSE_NEGATIVE if it does not, and the
+Each returns the range at which the shape stops the ray, MISS if it does not, and the
 cosine of incidence. Ranges are in metres, and directions are unit vectors.
 
 A porous shape stops a ray after a random free path of −log(u) / extinction (Beer–Lambert), so that
@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numba import njit
 
-FALSE_NEGATIVE = -1.0
+MISS = -1.0
 """The range of a ray that misses."""
 LEAF_COSINE = 0.8
 """Cosine of incidence in a porous shape."""
@@ -64,15 +64,15 @@ def hit_box(box: Any, origin: Vector, direction: Vector, u: float) -> tuple[floa
         left * box.cos_yaw - ahead * box.sin_yaw, across, -box.half_width_m, box.half_width_m
     )
     if max(in_x, in_y) > min(out_x, out_y):
-        return FALSE_NEGATIVE, 0.0
+        return MISS, 0.0
     in_z, out_z = _slab(oz, dz, box.bottom_m, box.top_m)
     enter = max(in_x, in_y, in_z)
     leave = min(out_x, out_y, out_z)
     if enter > leave or enter <= 0:
-        return FALSE_NEGATIVE, 0.0
+        return MISS, 0.0
     if box.extinction_per_m > 0:
         enter -= np.log(u) / box.extinction_per_m
-        return (enter, LEAF_COSINE) if enter <= leave else (FALSE_NEGATIVE, 0.0)
+        return (enter, LEAF_COSINE) if enter <= leave else (MISS, 0.0)
     cosine = along if enter == in_x else (across if enter == in_y else dz)
     return enter, abs(cosine)
 
@@ -90,11 +90,11 @@ def hit_cylinder(cylinder: Any, origin: Vector, direction: Vector) -> tuple[floa
     aside = east * dy - north * dx
     depth2 = cylinder.radius_m * cylinder.radius_m * level2 - aside * aside
     if depth2 <= 0:
-        return FALSE_NEGATIVE, 0.0
+        return MISS, 0.0
     enter = (east * dx + north * dy - np.sqrt(depth2)) / level2
     z = oz + enter * dz
     if enter <= 0 or z < cylinder.bottom_m or z > cylinder.top_m:
-        return FALSE_NEGATIVE, 0.0
+        return MISS, 0.0
     return enter, np.sqrt(depth2 / level2) / cylinder.radius_m
 
 
@@ -115,13 +115,13 @@ def hit_crown(crown: Any, origin: Vector, direction: Vector, u: float) -> tuple[
     b = px * vx + py * vy + pz * vz
     depth2 = b * b - a * (px * px + py * py + pz * pz - 1.0)
     if depth2 <= 0:
-        return FALSE_NEGATIVE, 0.0
+        return MISS, 0.0
     leave = (np.sqrt(depth2) - b) / a
     if leave <= 0:
-        return FALSE_NEGATIVE, 0.0
+        return MISS, 0.0
     # A ray that starts inside the crown enters it at range 0.
     stop = max((-b - np.sqrt(depth2)) / a, 0.0) - np.log(u) / crown.extinction_per_m
-    return (stop, LEAF_COSINE) if stop <= leave else (FALSE_NEGATIVE, 0.0)
+    return (stop, LEAF_COSINE) if stop <= leave else (MISS, 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -70,9 +70,9 @@ class Campus:
 
     def fits(self, structure: Structure, setback_m: float = BUILDING_SETBACK_M) -> bool:
         """Whether a building keeps its distance from the streets and from all other buildings."""
-        outline_m = structure.outline_m()
-        is_clear = (cdist(outline_m, self.taken_m[:, :2]) >= self.taken_m[:, 2]).all()
-        return bool(is_clear and (self.streets.clearance_m(outline_m) > setback_m).all())
+        footprint_m = structure.footprint_m()
+        is_clear = (cdist(footprint_m, self.taken_m[:, :2]) >= self.taken_m[:, 2]).all()
+        return bool(is_clear and (self.streets.clearance_m(footprint_m) > setback_m).all())
 
     def build(self, structure: Structure) -> None:
         """Add a building, and take its ground."""

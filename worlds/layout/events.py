@@ -46,7 +46,7 @@ DEMOLISHED_FROM_M2 = 480.0
 TREE_TURNOVER_A_YEAR = 0.03
 """Share of the trees that are felled or planted in a year."""
 YOUNG_TREE_SCALE = 0.45
-"""Height and radius of a planted tree relative to a grown one."""
+"""Height and radius of a planted tree relative to a full-grown one."""
 
 
 @dataclass(frozen=True)
@@ -208,9 +208,9 @@ def _ground_m2(building: Structure) -> float:
 
 def _replace_trees(rng: np.random.Generator, campus: Campus) -> None:
     """Fell a share of the trees on random days, and let as many others be planted then."""
-    chance = TREE_TURNOVER_A_YEAR * PERIOD_DAYS / 365
+    change_probability = TREE_TURNOVER_A_YEAR * PERIOD_DAYS / 365
     for row, plant in enumerate(campus.plants):
-        has_changed = rng.random() < chance
+        has_changed = rng.random() < change_probability
         is_felled = rng.random() < 0.5
         day = PERIOD_DAYS * rng.random()
         is_tree = plant.trunk_m > 0

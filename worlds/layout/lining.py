@@ -480,7 +480,7 @@ def _add(campus: Campus, structure: Structure) -> None:
     """Add those parts of a structure that leave the streets free."""
     if not structure.parts:
         return
-    off_street_m = campus.streets.clearance_m(structure.outline_m())
+    off_street_m = campus.streets.clearance_m(structure.footprint_m())
     nearest_m = off_street_m.reshape(len(structure.parts), -1).min(1)
     free_rows = np.flatnonzero(nearest_m > CLEAR_OF_STREET_M / 2)
     parts = tuple(structure.parts[row] for row in free_rows)

@@ -49,7 +49,7 @@ class Structure:
         s = np.sin(self.yaw_rad)
         return np.asarray(ahead_left_m @ np.array([[c, s], [-s, c]]) + (self.x_m, self.y_m))
 
-    def outline_m(self) -> Floats:
+    def footprint_m(self) -> Floats:
         """World points (15 per part, 2) spread over its footprint, to test whether it fits."""
         grid_u, grid_v = np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-1, 1, 3))
         u = grid_u.ravel()
