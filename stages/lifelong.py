@@ -78,7 +78,7 @@ class Settings:
     scans: Path
     submaps: Path
     map: Path
-    """Folder of the first day's map, which only the order `updates` reads; made if missing."""
+    """Folder of the first day's map, for the order `self_training` alone; made if missing."""
     out: Path
     timing: Path
     """File for the CPU time of each step."""

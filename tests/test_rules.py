@@ -216,7 +216,7 @@ def test_a_data_set_is_one_yaml_that_its_reader_takes(path):
         stress = study.get("robustness", {}).get("stress", {}).get(preset, {})
         further = [
             study.get("lifelong", {}).get(part, {}).get(preset, ())
-            for part in ("tests", "learned", "updates")
+            for part in ("tests", "learned", "self_training")
         ]
         asked = (study["train"], *study["tests"][preset], *stress, *itertools.chain(*further))
         assert {name.partition("-a")[0].partition("-b")[0] for name in asked} <= driven.keys()

@@ -633,7 +633,7 @@ class Lifelong(Artifact, kind="lifelong", version=4):
             unit=SINCE_1970,
         ),
     ]
-    order: Annotated[str, "days, streets or updates: what is learned in each step"]
+    order: Annotated[str, "days, streets or self_training: what is learned in each step"]
     strategy: Annotated[str, "how a model learns it: a file of conf/strategy"]
     steps: Annotated[tuple[str, ...], "name of each step"]
     queried: Annotated[tuple[str, ...], "name of each queried day"]

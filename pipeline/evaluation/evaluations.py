@@ -383,6 +383,6 @@ def line(evaluation: Evaluation, protocol: str) -> str:
         texts.append(f"{name} {value:.3f}" if np.isfinite(value) else f"{name} none")
     found = evaluation.caveats(protocol)
     if present := [name for name in (DEGENERATE, *CAVEATS) if name in found]:
-        words = [name.removeprefix("error_probability_").replace("_", " ") for name in present]
+        words = [name.removeprefix("caveat_").replace("_", " ") for name in present]
         texts.append(f"({', '.join(words)})")
     return " ".join(texts)

@@ -4,7 +4,7 @@ The stage `lifelong` runs a course in one of three orders (METHODS 11.4):
 
 - `days`: days with reference poses, one after the other;
 - `streets`: the training day in parts;
-- `updates`: days without reference poses, which the model's site learns by itself.
+- `self_training`: days without reference poses, which the model's site learns by itself.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,7 +24,7 @@ from pipeline.matching.ranking import Method, Rows
 from pipeline.online.inputs import Scan
 from pipeline.online.pack import Packing, Trained
 
-Order = Literal["days", "streets", "updates"]
+Order = Literal["days", "streets", "self_training"]
 
 
 def learned(
@@ -41,10 +41,10 @@ def learned(
 
     `trained` are the model and the artifacts of its first day; those of the `later_days` lie beside
     them. `strategy` says how a step is learned (strategies.py). The first day is trained already,
-    but in the order `streets`, where its first part is to be trained. For `updates` the model is
-    first packed into a site, in the folder `scratch`.
+    but in the order `streets`, where its first split is to be trained. For `self_training` the
+    model is first packed into a site, in the folder `scratch`.
     """
-    if order == "updates":
+    if order == "self_training":
         site = scratch / "first.site"
         progress.tell(packing.pack(trained, site, progress))
         return self_trained(
