@@ -1,8 +1,8 @@
-"""Follows a query's beams through a level map: how much of them speaks for a pose, and against it.
+"""Follows a query's beams through a level map: the shares that support and contradict a pose.
 
-The score of the search looks at the ends of beams alone. Here each beam is followed from the sensor
-to its end (METHODS 13.3): it may end at a wall, which explains it, or contradict the map by ending
-in free space or by passing through a wall.
+The score of the search depends on the ends of beams alone. Here each beam is followed from the
+sensor to its end (METHODS 13.3). A beam is explained if it ends at a wall; it contradicts the map
+if it ends in free space or passes through a wall.
 """
 
 from dataclasses import dataclass
@@ -15,21 +15,21 @@ from pipeline.level.field import FARTHEST_M, Field, distance_at
 from pipeline.level.sweeps import Gathered
 
 EXPLAINED_M = 0.3
-"""A beam is explained if it ends this near a wall."""
+"""A beam is explained if it ends nearer to a wall than this."""
 IN_FREE_M = 0.5
-"""A beam contradicts the map if it ends in known free space, farther than this from any wall."""
+"""A beam contradicts the map if it ends in free space, farther than this from any wall."""
 BEHIND_M = 0.3
-"""A beam passes through a wall if it comes out behind and gets so far from any wall: one that
-grazes it does not."""
+"""A beam passes through a wall if it leaves the wall and gets farther than this from any wall. A
+beam that grazes a wall does not."""
 BEAMS = 600
-"""At most so many beams of a query are followed."""
+"""Largest number of a query's beams that are followed."""
 
 
 @dataclass(frozen=True)
 class Support:
-    """What a query's beams say of a pose, as shares of them.
+    """How a query's beams support a pose: three shares of the beams.
 
-    All other beams end in unknown space, or beside a wall but not at it: they say nothing.
+    All other beams end in unknown space, or beside a wall but not at it: they are no evidence.
     """
 
     explained: float
@@ -46,7 +46,7 @@ class Support:
 
 
 def supports(field: Field, gathered: Gathered, poses: NDArray[np.float64]) -> list[Support]:
-    """Support of each of the poses (k, 3): x, y in metres and heading in radians, in the grid."""
+    """The support of each pose (k, 3): x, y in metres and heading in radians, in the grid."""
     count = len(gathered.ends_m)
     followed = np.linspace(0, max(count - 1, 0), min(BEAMS, count)).round().astype(int)
     shares = _shares(
@@ -63,7 +63,7 @@ def supports(field: Field, gathered: Gathered, poses: NDArray[np.float64]) -> li
 
 @njit(cache=True, nogil=True)
 def _shares(distance_m, walls, free, cell_m, starts_m, ends_m, poses):  # type: ignore[no-untyped-def]
-    """Shares (k, 3) of beams for each pose; the columns are the fields of Support, in its order."""
+    """The shares (k, 3) of beams for each pose; the columns are the fields of Support."""
     rows, cols = walls.shape
     counts = np.zeros((len(poses), 3))
     for number in range(len(poses)):
@@ -92,7 +92,8 @@ def _shares(distance_m, walls, free, cell_m, starts_m, ends_m, poses):  # type: 
 def _passes_wall(distance_m, walls, start_x, start_y, end_x, end_y):  # type: ignore[no-untyped-def]
     """Whether a beam passes through a wall; its start and end are in cells.
 
-    It is followed in steps of a cell. Once in a wall, it must get farther than BEHIND_M from any.
+    The beam is followed in steps of a cell. Once it has met a wall, it must get farther than
+    BEHIND_M from any wall.
     """
     rows, cols = walls.shape
     length = np.hypot(end_x - start_x, end_y - start_y)

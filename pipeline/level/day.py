@@ -1,7 +1,7 @@
-"""A training day of level sweeps: its map and its verdict, and what these say of later queries.
+"""A training day of level sweeps: its map, its verdict, and the poses of later queries on it.
 
-The stage `poses` learns a `LevelDay` of the training sequence, and asks it for the poses of all
-test sequences (METHODS 13.5).
+The stage `poses` learns a `LevelDay` from the training sequence, and queries it for the poses of
+all test sequences (METHODS 13.5).
 """
 
 from dataclasses import dataclass, replace
@@ -25,7 +25,7 @@ from pipeline.posing.verdict import CLAIMS, Verdict
 
 @dataclass(frozen=True)
 class LevelDay:
-    """What is known of a building after the training day."""
+    """The map of a building after its training day, and the verdict on fixes in this map."""
 
     level_map: LevelMap
     learned: Learned
@@ -41,8 +41,8 @@ class LevelDay:
     ) -> Self:
         """Draw the sweeps into a map, and test the verdict on validation stretches of them.
 
-        `unseen_share` is the share of queries to expect from places that the map does not have.
-        Where a verdict was `learned` before, nothing is kept for validation.
+        `unseen_share` is the expected share of queries from places that the map lacks. With a
+        verdict `learned` before, no stretches are kept for validation.
         """
         rows = range(len(sweeps.world_T_sweep))
         drawing = Drawing.of([sweeps.points(row) for row in rows], sweeps.world_T_sweep)
@@ -54,7 +54,7 @@ class LevelDay:
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict on its fixes."""
+        """The verdict on fixes in the map."""
         return self.learned.verdict
 
     @cached_property
@@ -63,15 +63,15 @@ class LevelDay:
         return Field.of(self.level_map)
 
     def queries(self, scans: Scans, rows: NDArray[np.int64]) -> list[PosedQuery]:
-        """What is accepted of the scans `rows` (n,), each gathered with those before it."""
+        """The poses of the scans `rows` (n,), each gathered with the scans before it."""
         gathered = Sweeps.of(scans).gathered(rows.tolist(), OVER_M)
         return [self.query(gathered[row]) for row in rows.tolist()]
 
     def query(self, gathered: Gathered) -> PosedQuery:
-        """The poses of gathered sweeps, their probabilities, and the error probability in each
+        """The poses of gathered sweeps, their probabilities, and the error probability of each
         claim.
 
-        All error probabilities are 1 where the laser seems to be mounted otherwise than was said.
+        All error probabilities are 1 if the laser seems to be mounted otherwise than specified.
         """
         fix = self.fixer.fix(self.field, gathered).ordered(USUAL.pose)
         query = PosedQuery.of(fix, USUAL)
@@ -84,5 +84,5 @@ class LevelDay:
 
 
 def sweeps_basis(sweeps: Sweeps, unseen_share: float) -> str:
-    """What the verdict of a day of sweeps is learned with (posing/learned_verdict.py)."""
+    """The basis of a day's verdict on level sweeps (`basis` of posing/learned_verdict.py)."""
     return basis(sweeps.world_T_sweep.tobytes(), unseen_share=unseen_share)

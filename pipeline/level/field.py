@@ -1,9 +1,10 @@
-"""Likelihood fields: a level map goes in, and comes out prepared for the search of poses.
+"""Likelihood fields: prepares a level map for the search of poses.
 
-For each cell a `Field` tells the distance to the nearest wall and from it the likelihood that a
-beam ends there (Thrun, Burgard and Fox, Probabilistic Robotics, section 6.4; METHODS 13.1). A
-`Pyramid` holds maxima of the likelihood over ever larger squares of cells: by these search.py
-bounds the score of many poses at once (Olson, Real-Time Correlative Scan Matching, ICRA 2009).
+In: a level map. Out: a `Field`, which holds for each cell the distance to the nearest wall, and
+from it the likelihood that a beam ends there (Thrun, Burgard and Fox, Probabilistic Robotics,
+section 6.4; METHODS 13.1). Its `Pyramid` holds maxima of the likelihood over ever larger squares
+of cells. With these, search.py bounds the scores of many poses at once (Olson, Real-Time
+Correlative Scan Matching, ICRA 2009).
 """
 
 from dataclasses import dataclass
@@ -18,16 +19,15 @@ from scipy.ndimage import binary_dilation, distance_transform_edt
 from pipeline.level.level_map import LevelMap
 
 CELL_M = 0.1
-"""Cells of the field are about this large or larger: finer ones cost time and find no more."""
+"""Smallest cell of a field, about: finer cells cost time and find no more poses."""
 SIGMA_M = 0.2
 """Standard deviation of a hit's distance from its wall, in the search."""
 UNKNOWN_SHARE = 0.15
-"""The least likelihood of a hit in unknown space, against 1 on a wall: new ground contradicts
-nothing."""
+"""The least likelihood of a hit in unknown space, where it contradicts nothing."""
 STAND_M = 0.3
-"""A robot stands in free space, or at most so far from it."""
+"""A robot stands in free space, or at most this far from it."""
 FARTHEST_M = 2.0
-"""Distances to walls count as this at most."""
+"""Larger distances to a wall count as this."""
 LEVELS = 3
 """The coarsest nodes of the search are 2**LEVELS cells wide."""
 REACH_M = 30.0
@@ -40,7 +40,8 @@ class Field:
 
     cell_m: float
     distance_m: NDArray[np.float32]
-    """(row, col) from the centre of each cell to that of the nearest wall, at most FARTHEST_M."""
+    """(row, col) distance from the centre of each cell to that of the nearest wall, at most
+    FARTHEST_M."""
     walls: NDArray[np.bool_]
     """(row, col) True where a cell is a wall."""
     free: NDArray[np.bool_]
@@ -50,9 +51,9 @@ class Field:
 
     @classmethod
     def of(cls, level_map: LevelMap) -> Self:
-        """Prepare a map. Where its cells are small, a square of them becomes one cell of the field.
+        """Prepare a map. If its cells are small, each square of them becomes one cell of the field.
 
-        That cell is a wall if one of them is, else free if one of them is.
+        This cell is a wall if any of the cells is a wall, else free if any of them is free.
         """
         merged_cells = max(1, round(CELL_M / level_map.cell_m))
         walls = _merged(level_map.walls, merged_cells)
@@ -94,18 +95,18 @@ class Pyramid:
     """Maxima of the likelihood over squares of 1, 2, 4, … cells, with a margin around the map."""
 
     margin: int
-    """So many cells are added around the map on each side, since hits may lie beyond it."""
+    """Number of cells added on each side of the map, since hits may lie beyond it."""
     levels: NDArray[np.uint8]
     """(level, row, col) the largest likelihood in the square of 2**level cells a side that begins
     at (row, col)."""
     phases: NDArray[np.uint8]
-    """(phase row, phase col, block) the coarsest level once more. Blocks are its squares placed
-    side by side, numbered row by row; a phase is where in its block a cell lies. So for one phase
-    the values of neighbouring blocks are neighbours in memory."""
+    """(phase row, phase col, block) the coarsest level in another order. Blocks are its squares
+    side by side, numbered row by row; a phase is the position of a cell in its block. So for one
+    phase the values of neighbouring blocks are neighbours in memory."""
     block_cols: int
-    """How many blocks there are in a row."""
+    """Number of blocks in a row."""
     can_stand: NDArray[np.uint8]
-    """(level, row, col) 1 where a robot can stand in some cell of such a square, else 0."""
+    """(level, row, col) 1 where a robot can stand in some cell of this square, else 0."""
 
     @classmethod
     def of(cls, field: Field) -> Self:
@@ -134,19 +135,19 @@ class Pyramid:
 
 
 def _rounded_up(side: int, block: int) -> int:
-    """The number of cells in as many whole blocks as `side` cells need."""
+    """The number of cells in the whole blocks that `side` cells need."""
     return -(-side // block) * block
 
 
 def _maxima(values: NDArray[np.uint8], beyond: int) -> NDArray[np.uint8]:
-    """(level, row, col) the maxima over squares of 2**level cells a side, from each cell on.
+    """The maxima (level, row, col) over squares of 2**level cells a side that begin at each cell.
 
-    `values` are (row, col); outside they are `beyond`.
+    `values` are (row, col); outside, the value is `beyond`.
     """
     levels = [values]
     for level in range(LEVELS):
         finer = levels[-1]
-        half = 2**level  # a square is four of the finer level, this far apart
+        half = 2**level  # a square consists of four squares of the finer level, this far apart
         padded = np.pad(finer, ((0, half), (0, half)), constant_values=beyond)
         along = np.maximum(padded[:, :-half], padded[:, half:])
         levels.append(np.maximum(along[:-half], along[half:]))
@@ -154,7 +155,7 @@ def _maxima(values: NDArray[np.uint8], beyond: int) -> NDArray[np.uint8]:
 
 
 def _merged(cells: NDArray[np.bool_], side: int) -> NDArray[np.bool_]:
-    """For each square of `side` x `side` of the cells (row, col), whether one of them is True."""
+    """For each square of `side` x `side` cells (row, col), whether any of them is True."""
     rows, cols = cells.shape
     padded = np.zeros((_rounded_up(rows, side), _rounded_up(cols, side)), bool)
     padded[:rows, :cols] = cells
@@ -166,11 +167,11 @@ def _merged(cells: NDArray[np.bool_], side: int) -> NDArray[np.bool_]:
 def distance_at(distance_m, x, y, farthest_m):  # type: ignore[no-untyped-def]
     """The distance in metres to the nearest wall at x, y in cells, and its slopes along x and y.
 
-    Between the centres of cells the distance (row, col) is interpolated; outside it is
-    `farthest_m`. Slopes are metres per cell.
+    Between the centres of cells the distance (row, col) is interpolated; outside the map it is
+    `farthest_m`. Slopes are in metres per cell.
     """
     rows, cols = distance_m.shape
-    # from here on x and y count from the centre of cell (0, 0)
+    # from here on x and y are measured from the centre of cell (0, 0)
     x -= 0.5
     y -= 0.5
     col = int(np.floor(x))

@@ -1,8 +1,9 @@
-"""Fixes: gathered sweeps and a level map go in, the poses that they may have there come out.
+"""Fixes: the poses that gathered sweeps may have in a level map.
 
-The steps of METHODS 13.3: search the whole map (search.py), refine the best poses (refinement.py),
-follow the beams (beams.py), and keep one of those that became the same. Each pose that is left is a
-hypothesis; its `features` speak for it, and verdict.py makes a probability of them.
+In: gathered sweeps and a map. Out: a `LevelFix`. The steps of METHODS 13.3: search the whole map
+(search.py), refine the best poses (refinement.py), follow the beams (beams.py), and keep one of the
+poses that became equal. Each remaining pose is a hypothesis; verdict.py computes its probability
+from its `features`.
 """
 
 from dataclasses import dataclass, replace
@@ -19,31 +20,31 @@ from pipeline.level.refinement import refined
 from pipeline.level.search import APART_DEG, APART_M, mean_likelihoods, search
 from pipeline.level.sweeps import Gathered
 from pipeline.posing.fix import Registered
-from pipeline.posing.probabilities import Probabilities
+from pipeline.posing.probabilities import HypothesisModel
 
 FEATURES = ("likely", "in_free", "through", "surety", "ahead")
-"""What speaks for a hypothesis, the more the better:
+"""The features of a hypothesis; a larger value never lowers its probability.
 
 - likely: its score;
-- in_free, through: minus the shares of beams that end in free space, and that pass a wall;
-- surety: minus log₁₀ of the spread in metres;
-- ahead: its quality less that of the query's best other hypothesis. Without another one, that is
-  taken for LEAST_RATIO of its own.
+- in_free, through: minus the shares of beams that end in free space, and that pass through a wall;
+- surety: −log₁₀ of the spread in metres;
+- ahead: its quality minus that of the query's best other hypothesis, which is taken to be
+  LEAST_RATIO times its own quality if there is no other.
 """
 SCALES = np.array([0.15, 0.05, 0.1, 0.3, 0.1])
-"""A usual difference of each feature between hypotheses: it scales the weights that are learned."""
+"""A typical difference of each feature between hypotheses; learning divides features by it."""
 LEAST_SPREAD_M = 0.01
 """A smaller spread counts as this."""
 MAP_VARIANCE = 1e-9
-"""Variance in rad² and m² of roll, pitch and height, which a level pose has from the map."""
+"""Variance in rad² and m² of roll, pitch and height, which the map fixes for a level pose."""
 LEAST_POINTS = 20
 """A query of fewer thinned hits has no pose."""
 LEAST_RATIO = 0.75
 """A pose that scores less than this share of the best is no hypothesis."""
 MIRRORED_WITHIN = 0.05
-"""A laser may be upside down if its sweeps, mirrored, score at most so much less."""
+"""A laser may be upside down if its mirrored sweeps score at most this much less."""
 CONTRADICTED_COST = 0.5
-"""The share of contradicted beams lowers the quality by this much."""
+"""The quality is lowered by this times the share of contradicted beams."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +56,9 @@ class Hypothesis:
     covariance: NDArray[np.float64]
     """(3, 3) of x, y in metres and heading in radians, along the world's axes."""
     score: float
-    """The mean likelihood of all hits of the query, or of its newest sweep's where that is less."""
+    """The mean likelihood of the query's hits, or that of its newest sweep's hits if it is less."""
     support: Support
-    """What the beams say of the pose."""
+    """How the beams support the pose."""
 
     @property
     def quality(self) -> float:
@@ -66,10 +67,11 @@ class Hypothesis:
 
     @property
     def pose_covariance(self) -> NDArray[np.float64]:
-        """The covariance (6, 6) as 3-D fixes have it: a turn, then a step, in the robot's frame."""
+        """The covariance (6, 6) of a small turn in radians, then of a step in metres, in the
+        robot's frame: the form of 3-D fixes."""
         query_T_world = np.eye(3)
         query_T_world[:2, :2] = self.world_T_query[:2, :2].T
-        x_y_heading = [3, 4, 2]  # where the six numbers have what the three are
+        x_y_heading = [3, 4, 2]  # the rows of x, y and heading among the six
         covariance = MAP_VARIANCE * np.eye(6)
         covariance[np.ix_(x_y_heading, x_y_heading)] = (
             query_T_world @ self.covariance @ query_T_world.T
@@ -89,20 +91,21 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class LevelFix(Registered[Hypothesis]):
-    """The hypotheses of gathered sweeps: the best first by quality, until they are `ordered`."""
+    """The hypotheses of gathered sweeps, by decreasing quality until they are `ordered`."""
 
     path_m: float = 0.0
     """The length of path over which the query's sweeps were gathered."""
 
-    def ordered(self, probabilities: Probabilities) -> Self:
-        """The same hypotheses in the order of their probabilities."""
-        order = np.argsort(-probabilities.of(self.features), kind="stable").tolist()
+    def ordered(self, model: HypothesisModel) -> Self:
+        """The same hypotheses, with the probabilities of a model and in their order."""
+        order = np.argsort(-model.probabilities(self.features), kind="stable").tolist()
         ordered = replace(self, hypotheses=tuple(self.hypotheses[number] for number in order))
-        return replace(ordered, probabilities=tuple(probabilities.of(ordered.features).tolist()))
+        probabilities = model.probabilities(ordered.features)
+        return replace(ordered, probabilities=tuple(probabilities.tolist()))
 
     @property
     def elsewhere(self) -> list[int]:
-        """The indices of all but the best: each is another place."""
+        """The indices of all hypotheses but the best: each is at another place."""
         return list(range(1, len(self.hypotheses)))
 
     @property
@@ -114,7 +117,7 @@ class LevelFix(Registered[Hypothesis]):
     def features(self) -> NDArray[np.float64]:
         """The features (n, feature) of the hypotheses, in the order of FEATURES."""
         quality = np.array([hypothesis.quality for hypothesis in self.hypotheses])
-        # without another hypothesis; with one it is the most that counts
+        # the value without another hypothesis, and the largest value with another one
         ahead = (1 - LEAST_RATIO) * np.maximum(quality, 0)
         if len(quality) > 1:
             is_itself = np.eye(len(quality), dtype=bool)
@@ -138,12 +141,12 @@ class LevelFixer:
     """Finds where gathered sweeps were taken."""
 
     keep: Count = 6
-    """At most so many poses of the search are refined and compared."""
+    """Largest number of poses of the search that are refined and compared."""
     most_nodes: Count = 300_000
-    """The search ends with what it has after so many nodes."""
+    """The search ends after this many nodes, with the poses that it has."""
 
     def fix(self, field: Field, gathered: Gathered) -> LevelFix:
-        """Search the whole map. There is no hypothesis where there are too few hits."""
+        """Search the whole map; the fix has no hypothesis if there are too few hits."""
         if len(gathered.points_m) < LEAST_POINTS:
             return LevelFix()
         best = search(field, gathered.points_m, self.keep, LEAST_RATIO, self.most_nodes)
@@ -152,9 +155,9 @@ class LevelFixer:
     def track(
         self, field: Field, gathered: Gathered, world_T_guess: NDArray[np.float64]
     ) -> LevelFix:
-        """Refine a guessed pose (4, 4), and look for no other.
+        """Refine a guessed pose (4, 4), without a search for other poses.
 
-        There is no hypothesis where there are too few hits.
+        The fix has no hypothesis if there are too few hits.
         """
         if len(gathered.points_m) < LEAST_POINTS:
             return LevelFix()
@@ -166,10 +169,10 @@ class LevelFixer:
     def is_misread(
         self, field: Field, gathered: Gathered, level_fix: Registered[Hypothesis]
     ) -> bool:
-        """Whether the laser may be mounted otherwise than was said, so that no fix is accepted.
+        """Whether the laser may be mounted otherwise than specified, so that no fix is accepted.
 
-        That is so if odometry contradicts its sweeps, or if these fit about as well with left and
-        right exchanged, as those of a laser that is upside down do.
+        It may be if odometry contradicts the sweeps, or if the sweeps fit about as well with left
+        and right exchanged, like those of a laser that is upside down.
         """
         if gathered.is_contradicted:
             return True
@@ -186,10 +189,10 @@ class LevelFixer:
         gathered: Gathered,
         poses: NDArray[np.float64],
     ) -> LevelFix:
-        """Refine poses (k, 3) in the grid; of those that become the same the best is kept."""
+        """Refine poses (k, 3) in the grid; of poses that become equal, the best is kept."""
         poses, covariances = refined(field, gathered.points_m, poses)
         pose_scores = mean_likelihoods(field, gathered.points_m, poses)
-        # a newest sweep that was matched badly with the earlier ones fits worse than they do
+        # a newest sweep that was badly matched with the earlier sweeps fits worse than they do
         if len(gathered.newest_m):
             newest_scores = mean_likelihoods(field, gathered.newest_m, poses)
             pose_scores = np.minimum(pose_scores, newest_scores)
@@ -209,7 +212,7 @@ class LevelFixer:
 
 
 def same(hypothesis: Hypothesis, other: Hypothesis) -> bool:
-    """Whether two hypotheses are the same pose, within APART_M and APART_DEG."""
+    """Whether two hypotheses are at the same pose, within APART_M and APART_DEG."""
     between = np.linalg.inv(hypothesis.world_T_query) @ other.world_T_query
     turn_deg = abs(np.rad2deg(yaw(between)))
     return bool(np.linalg.norm(between[:2, 3]) < APART_M and turn_deg < APART_DEG)

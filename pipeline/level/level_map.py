@@ -1,7 +1,7 @@
 """Level maps: which cells of a building are walls, free, or unknown to a level laser.
 
-`Drawing` draws one from sweeps with poses, by the counting model of METHODS 13.1; a map in Nav2's
-format becomes one as it is (formats/nav2_map.py).
+`Drawing` makes a `LevelMap` from sweeps with poses, by the counting model of METHODS 13.1;
+formats/nav2_map.py reads one from a map in Nav2's format.
 """
 
 from collections.abc import Sequence
@@ -18,29 +18,31 @@ from pipeline.core.frames import transformed
 UNKNOWN = -1
 FREE = 0
 OCCUPIED = 100
-"""Values of a cell that is drawn; maps from elsewhere have any percentage between FREE and this."""
+"""Values of a drawn cell; maps of other programs have any percentage from FREE to OCCUPIED."""
 WALL_PERCENT = 50
 """A cell is a wall if it is occupied with this probability or a higher one."""
 FINEST_M = 0.01
 COARSEST_M = 0.5
 MOST_CELLS = 50_000_000
-"""A map with other cells, or with more, is refused."""
+"""A map with smaller, larger or more cells is refused."""
 FINE_M = 0.05
 COARSE_M = 0.1
 LARGE_M2 = 12_500.0
-"""Maps are drawn in cells of FINE_M, or of COARSE_M if the sweeps span a larger box than this."""
+"""Maps are drawn in cells of FINE_M, or of COARSE_M if the box around the sweeps is larger than
+this."""
 LEAST_SHARE = 0.25
-"""A cell is a wall where at least this share of the beams that reached it ended there (gmapping's
+"""A cell is a wall if at least this share of the beams that reached it ended there (gmapping's
 threshold)."""
 
 
 @dataclass(frozen=True)
 class LevelMap:
-    """An occupancy grid, as ROS has it: row 0 is the lowest, column 0 the leftmost."""
+    """An occupancy grid in the convention of ROS: row 0 is the lowest, column 0 the leftmost."""
 
     occupancy: NDArray[np.int8]
-    """(row, col) probability in percent that a cell is occupied; UNKNOWN where no beam came."""
+    """(row, col) probability in percent that a cell is occupied; UNKNOWN where no beam reached."""
     cell_m: float
+    """Side of a cell."""
     origin: tuple[float, float, float]
     """x, y in metres and yaw in radians, in the world, of the outer corner of cell (0, 0)."""
 
@@ -70,7 +72,7 @@ class LevelMap:
 
     @property
     def free(self) -> NDArray[np.bool_]:
-        """(row, col) which cells are known to be no wall."""
+        """(row, col) which cells are known to be free of walls."""
         return np.asarray((self.occupancy >= 0) & (self.occupancy < WALL_PERCENT))
 
     @property
@@ -95,24 +97,25 @@ class LevelMap:
 class Drawing:
     """The beams of all sweeps, counted in each cell of a grid.
 
-    From them maps are drawn of all sweeps, or without some, which are then subtracted.
+    From the counts a map is drawn of all sweeps, or without some sweeps, which are subtracted.
     """
 
     starts: NDArray[np.float64]
     """(beam, 2) x, y in cells, from the outer corner of cell (0, 0)."""
     ends: NDArray[np.float64]
-    """(beam, 2) likewise."""
+    """(beam, 2) x, y in cells, from the same corner."""
     is_hit: NDArray[np.bool_]
-    """(beam,) True where the beam ends at something; False where it is cut off at the range."""
+    """(beam,) True if the beam ends at an object, False if it is cut off at the range."""
     sweep: NDArray[np.int64]
     """(beam,) the number of its sweep."""
     hits: NDArray[np.int32]
-    """(row, col) how many beams hit something in each cell."""
+    """(row, col) the number of beams that end at an object in each cell."""
     passes: NDArray[np.int32]
-    """(row, col) how many beams pass each cell."""
+    """(row, col) the number of beams that pass through each cell."""
     cell_m: float
+    """Side of a cell."""
     origin: tuple[float, float, float]
-    """The same as that of the LevelMap that is drawn."""
+    """The origin of the LevelMap that is drawn."""
 
     @classmethod
     def of(
@@ -124,9 +127,9 @@ class Drawing:
     ) -> Self:
         """Count the beams of s sweeps, whose hits (n, 2 or 3) are in the frames of their poses.
 
-        The poses are (s, 4, 4). A beam farther than `range_m` is cut off there and hits nothing.
-        Without `cell_m` the size of the cells follows from that of the place. Raises InputError
-        where no hit is within range, or the grid would be too large.
+        The poses are (s, 4, 4). A beam longer than `range_m` is cut off there and hits nothing.
+        Without `cell_m` the size of the cells depends on the area of the sweeps. Raises InputError
+        if no hit is within range, or if the grid would be too large.
         """
         ends_of_sweeps = [
             transformed(pose, _finite(sweep)[:, :2])
@@ -144,7 +147,7 @@ class Drawing:
         share = np.minimum(1, range_m / np.maximum(length_m, 1e-9))
         ends_m = starts_m + (ends_m - starts_m) * share[:, None]
 
-        # lay a grid of whole cells over all beams, with a cell to spare
+        # place a grid of whole cells over all beams, with a margin of one cell
         corners_m = np.stack([starts_m, ends_m])
         if cell_m is None:
             area_m2 = float(np.prod(np.ptp(corners_m.reshape(-1, 2), axis=0)))
@@ -167,11 +170,11 @@ class Drawing:
         return cls(starts, ends, is_hit, sweep, hits, passes, cell_m, (x_m, y_m, 0.0))
 
     def level_map(self, left_out: NDArray[np.bool_] | None = None) -> LevelMap:
-        """Draw the map, without the sweeps (s,) that are True in `left_out`.
+        """Draw the map, without the sweeps that are True in `left_out` (s,).
 
-        A cell is a wall where at least LEAST_SHARE of the beams that reached it ended there, and
-        free where fewer did (counting model; Hähnel et al., IROS 2003). Raises InputError where
-        that makes no map.
+        A cell is a wall if at least LEAST_SHARE of the beams that reached it ended there, and free
+        if fewer did (counting model; Hähnel et al., IROS 2003). Raises InputError if the map would
+        have no wall or no free cell.
         """
         hits = self.hits
         passes = self.passes
@@ -198,7 +201,7 @@ def _count(starts, ends, is_hit, hits, passes, by):  # type: ignore[no-untyped-d
     """Add `by`, which is 1 or −1, to `hits` and `passes` (row, col) for each beam, in place.
 
     Starts and ends of beams (n, 2) are x, y in cells. A beam passes each cell once, and does not
-    pass the one that it ends in.
+    pass the cell that it ends in.
     """
     for beam in range(len(starts)):
         x0 = starts[beam, 0]

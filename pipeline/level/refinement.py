@@ -1,8 +1,8 @@
-"""Refines poses in a level map to less than a cell, and tells their covariance (METHODS 13.3).
+"""Refines poses in a level map to less than a cell, and computes their covariances (METHODS 13.3).
 
-Gauss-Newton moves a pose so that the query's hits come nearer to walls: the distance of each hit to
-its nearest wall is a residual, interpolated between cells. Welsch's weights exp(−d²/2σ²) leave out
-hits far from any wall, the more so the smaller σ becomes.
+Gauss-Newton moves a pose so that the query's hits come nearer to walls. The residual of a hit is
+its distance d to the nearest wall, interpolated between cells. Welsch's weights exp(−d²/2σ²)
+suppress hits far from any wall, the more so the smaller σ becomes.
 """
 
 import numpy as np
@@ -12,19 +12,20 @@ from numpy.typing import NDArray
 from pipeline.level.field import FARTHEST_M, Field, distance_at
 
 SIGMAS_M = (0.4, 0.2, 0.1)
-"""The σ of the weights, one after the other."""
+"""The values of σ of the weights, in their order."""
 STEPS = 8
-"""At most so many steps are made for each σ."""
+"""Largest number of steps for each σ."""
 LONGEST_STEP_M = 0.3
 SHORTEST_STEP_M = 1e-3
 LEAST_TURN_RAD = 1e-4
-"""A step is shortened to LONGEST_STEP_M; after one shorter than these two the pose is found."""
+"""A step is shortened to LONGEST_STEP_M. The iteration ends after a step shorter than both
+SHORTEST_STEP_M and LEAST_TURN_RAD."""
 DEPENDENT_HITS = 20.0
-"""So many neighbouring hits tell as much as one, since their errors are similar."""
+"""This many neighbouring hits count as one independent hit, since their errors are similar."""
 RANGE_ERROR_M = 0.05
 """Standard deviation of a hit's distance from its wall."""
 LEAST_INFORMATION = 1e-3
-"""Added to the information of x, y and heading, so that what no wall holds stays as it was."""
+"""Added to the information of x, y and heading, so that unconstrained directions do not move."""
 
 
 def refined(
@@ -61,7 +62,7 @@ def refine_in(distance_m, cell_m, points_m, pose, sigmas_m, farthest_m):  # type
 
     The information, the inverse of the covariance, is that for hits with errors of 1 m.
     `distance_m` (row, col) is the distance from each cell of side `cell_m` to the nearest wall; a
-    hit `farthest_m` or more from any has no say.
+    hit that is `farthest_m` or more from any wall does not count.
     """
     information = np.zeros((3, 3))
     for sigma_m in sigmas_m:
@@ -98,7 +99,7 @@ def refine_in(distance_m, cell_m, points_m, pose, sigmas_m, farthest_m):  # type
             information[1, 0] = information[0, 1]
             information[2, 0] = information[0, 2]
             information[2, 1] = information[1, 2]
-            # solve them, and step; the damping leaves a direction that no wall holds as it was
+            # solve them, and step; the damping leaves an unconstrained direction as it was
             damped = information.copy()
             for axis in range(3):
                 damped[axis, axis] += LEAST_INFORMATION

@@ -1,10 +1,10 @@
-"""Branch and bound over a whole level map: the best poses of a query, APART from one another.
+"""Branch and bound over a whole level map: the best distinct poses of a query.
 
 After Hess, Kohler, Rapp and Andor, Real-Time Loop Closure in 2D LIDAR SLAM, ICRA 2016, section V,
 but best first: nodes leave a queue in the order of their bounds, so the first leaf is the best pose
-of all, and the next that is apart from it the runner-up. A node is a square of cells and a heading;
-its bound is the sum over the query's points of the largest likelihood within the square that each
-point sweeps. A leaf is a node of one cell. Likelihoods come from field.py.
+of all, and the next leaf at another pose is the runner-up. A node is a square of cells and a
+heading; its bound is the sum, over the query's points, of the largest likelihood within the square
+that the point sweeps. A leaf is a node of one cell. Likelihoods come from field.py.
 """
 
 import heapq
@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from pipeline.level.field import REACH_M, Field
 
 POINTS = 128
-"""At most so many points of a query are used: the sum of their likelihoods, each 0 to 255, fits 16
-bits."""
+"""Largest number of a query's points that are used: the sum of their likelihoods, each 0 to 255,
+fits into 16 bits."""
 HEADINGS = 240
-"""So many headings are tried, which are 1.5° apart."""
+"""Number of headings that are tried: they are 1.5° apart."""
 APART_M = 1.0
 APART_DEG = 20.0
-"""Two poses that are nearer and less turned than both count as the same."""
+"""Two poses that differ by less than both of these count as the same pose."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,11 @@ class BestPoses:
     """The best poses of a query on the cells of a field."""
 
     poses: NDArray[np.float64]
-    """(k, 3) x, y in metres and heading in radians, in the grid; best first, apart."""
+    """(k, 3) x, y in metres and heading in radians, in the grid; the best first, all distinct."""
     scores: NDArray[np.float64]
-    """(k,) the mean likelihood of the query's points there."""
+    """(k,) the mean likelihood of the query's points at each pose."""
     exact: bool
-    """Whether the search ended before `most_nodes`: else better poses may have been missed."""
+    """Whether the search ended before `most_nodes`; otherwise better poses may be missed."""
 
 
 def search(
@@ -48,8 +48,9 @@ def search(
 ) -> BestPoses:
     """Find the `keep` best poses of points (n, 2), in metres in the robot's frame.
 
-    They score at least `min_score`, and at least `min_ratio` times the best. Points beyond REACH_M
-    are left out. Without points there is no pose.
+    Their scores are at least `min_score`, and at least `min_ratio` times the best score. Points
+    beyond REACH_M are left out. Without points there is no pose. The search ends after
+    `most_nodes` nodes.
     """
     near = points_m[np.linalg.norm(points_m, axis=1) <= REACH_M]
     if not len(near):
@@ -59,7 +60,7 @@ def search(
     headings_rad = 2 * np.pi / HEADINGS * np.arange(HEADINGS)
     cos = np.cos(headings_rad)[:, None]
     sin = np.sin(headings_rad)[:, None]
-    # (heading, point, 2) rows and columns from the robot, in the middle of its cell, to each point
+    # (heading, point, 2) rows and columns from the robot, at the centre of its cell, to each point
     offsets = np.stack(
         [
             np.floor((sin * chosen[:, 0] + cos * chosen[:, 1]) / field.cell_m + 0.5),
@@ -95,7 +96,7 @@ def search(
 def mean_likelihoods(
     field: Field, points_m: NDArray[np.float64], poses: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The mean likelihood (k,) of points (n, 2) in poses (k, 3) in the grid."""
+    """The mean likelihood (k,) of points (n, 2) at poses (k, 3) in the grid."""
     cos = np.cos(poses[:, 2, None])
     sin = np.sin(poses[:, 2, None])
     x_m = poses[:, 0, None] + cos * points_m[:, 0] - sin * points_m[:, 1]
@@ -123,21 +124,21 @@ def _search(  # type: ignore[no-untyped-def]
     most_nodes,
     min_score,
 ):
-    """The best leaves (k, 3) as heading, row, column; their scores (k,), and whether it is exact.
+    """The best leaves (k, 3) as heading, row, column; their scores (k,), and whether all are found.
 
-    The first five arguments are those of the field's Pyramid; `offsets` (heading, point, 2) are the
-    rows and columns from the robot to its points. `keep` is the most leaves that are wanted;
+    The first five arguments are fields of the Pyramid; `offsets` (heading, point, 2) are the rows
+    and columns from the robot to its points. `keep` is the largest number of leaves;
     `apart_cells` and `apart_headings` are APART_M and APART_DEG on the grid. Here scores are sums
     of likelihoods in 255ths.
     """
     headings = offsets.shape[0]
     top = levels.shape[0] - 1
     block = 1 << top
-    # the coarsest nodes are a block at a heading each, sorted once by their bounds
+    # each of the coarsest nodes is a block at a heading; they are sorted once by their bounds
     blocks, bounds = _coarse(phases, can_stand[top], block_cols, margin // block, block, offsets)
     order = _largest_first(bounds)
     next_in_order = 0
-    # finer nodes are (level, heading, row, column, bound); the heap holds minus bound, and number
+    # finer nodes are (level, heading, row, column, bound); the heap holds −bound and a number
     nodes = np.empty((most_nodes, 5), np.int32)
     node_count = 0
     heap = [(np.int64(0), np.int64(-1))]  # this tells numba its type
@@ -147,8 +148,8 @@ def _search(  # type: ignore[no-untyped-def]
     count = 0
     exact = True
     while count < keep:
-        # take the node of the highest bound: the next in order or the top of the heap. The coarsest
-        # are not put on the heap, since most of them are never reached
+        # take the node of the highest bound: the next in order, or the top of the heap. The
+        # coarsest nodes are not on the heap, since most of them are never reached
         score = -heap[0][0] if len(heap) else np.int64(-1)
         if next_in_order < len(order) and bounds[order[next_in_order]] >= score:
             number = order[next_in_order]
@@ -167,12 +168,12 @@ def _search(  # type: ignore[no-untyped-def]
         else:
             break
         if score <= 0 or score < min_score:
-            break  # no node that is left has a higher bound
+            break  # no remaining node has a higher bound
         if _is_near(
             leaves, count, heading, row, col, 1 << level, headings, apart_cells, apart_headings
         ):
             continue
-        # a leaf is the next best pose: its bound is its score
+        # a leaf is the next best pose, since its bound is its score
         if level == 0:
             leaves[count, 0] = heading
             leaves[count, 1] = row
@@ -198,8 +199,8 @@ def _search(  # type: ignore[no-untyped-def]
 def _divide(levels, can_stand, offsets, level, heading, row, col, nodes, node_count, min_score):  # type: ignore[no-untyped-def]
     """Write the quarters of a node into `nodes`, from number `node_count` on.
 
-    Quarters where no robot can stand, or with a bound below `min_score`, are left out. Returns how
-    many nodes there are then.
+    Quarters where no robot can stand, or with a bound below `min_score`, are left out. Returns the
+    new number of nodes.
     """
     half = 1 << (level - 1)
     for quarter in range(4):
@@ -221,10 +222,10 @@ def _divide(levels, can_stand, offsets, level, heading, row, col, nodes, node_co
 def _coarse(phases, can_stand, block_cols, margin_blocks, block, offsets):  # type: ignore[no-untyped-def]
     """The numbers (m,) of the blocks where a robot can stand, and their bounds at each heading.
 
-    Bounds are (headings times m,): those of all blocks at the first heading, and so on. Where a
-    point lies in its block, its phase, is the same for all blocks in which the robot may stand. So
-    the likelihoods of one point, for all these blocks, are one slice of `phases`: slices are added
-    faster than values looked up one by one.
+    Bounds are (headings times m,): those of all blocks at the first heading, then at the second,
+    and so on. The position of a point in its block, its phase, is the same for all blocks in which
+    the robot may stand. So the likelihoods of one point for all these blocks are one slice of
+    `phases`, and slices are added faster than values that are looked up one by one.
     """
     headings = offsets.shape[0]
     points = offsets.shape[1]
@@ -261,9 +262,9 @@ def _coarse(phases, can_stand, block_cols, margin_blocks, block, offsets):  # ty
 def _largest_first(bounds):  # type: ignore[no-untyped-def]
     """The numbers of bounds (n,), the largest first.
 
-    It is a counting sort: bounds are of 16 bits, and there may be millions.
+    It is a counting sort, since bounds have 16 bits and there may be millions of them.
     """
-    # how often each bound occurs, then where in the order its first number stands
+    # count how often each bound occurs, then find where in the order its first number stands
     starts = np.zeros(65_537, np.int64)
     for bound in bounds:
         starts[65_536 - bound] += 1
@@ -282,7 +283,7 @@ def _largest_first(bounds):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, inline="always")
 def _is_near(leaves, count, heading, row, col, side, headings, apart_cells, apart_headings):  # type: ignore[no-untyped-def]
-    """Whether every cell of a node counts as the same pose as one of the first `count` leaves.
+    """Whether all cells of a node count as the same pose as one of the first `count` leaves.
 
     The node is the square of `side` cells that begins at (row, col).
     """

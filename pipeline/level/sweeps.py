@@ -1,10 +1,10 @@
 """Gathers the sweeps of the last metres of path into one query (METHODS 13.2).
 
-Sweeps and the steps of odometry between them go in; their hits come out, in the frame of the newest
-sweep. Wheels measure turns less well than a laser does. So each step is corrected: the new sweep is
-matched with the five before it, in a window around the pose that odometry says (Olson, Real-Time
-Correlative Scan Matching, ICRA 2009), and refined. Where it fits them nowhere in the window, they
-are forgotten.
+In: sweeps and the steps of odometry between them. Out: their hits, in the frame of the newest
+sweep. Wheels measure turns less precisely than a laser. So each step is corrected: the new sweep is
+matched with the five sweeps before it, in a window around its pose by odometry (Olson, Real-Time
+Correlative Scan Matching, ICRA 2009), and refined. If it fits nowhere in the window, the earlier
+sweeps are forgotten.
 """
 
 from collections import deque
@@ -19,40 +19,40 @@ from pipeline.level.field import REACH_M
 from pipeline.level.refinement import refine_in
 
 OVER_M = 5.0
-"""Callers of `Gatherer.gathered` gather sweeps over so much path."""
+"""Callers of `Gatherer.gathered` gather sweeps over this much path."""
 MOST_SWEEPS = 60
-"""At most so many sweeps are remembered."""
+"""Largest number of sweeps that are remembered."""
 MOVED_M = 0.2
 MOVED_DEG = 10.0
-"""A sweep nearer than both to the one before it is dropped once the next comes: the newest sweep is
-always remembered."""
+"""A sweep that differs by less than both of these from the sweep before it is dropped when the next
+sweep arrives; the newest sweep is always remembered."""
 THINNED_M = 0.1
 """Hits are thinned to one in each square of this side."""
 
 MATCHED_SWEEPS = 5
-"""A sweep is matched with so many sweeps before it."""
+"""Number of earlier sweeps that a sweep is matched with."""
 CELL_M = 0.1
-"""Matching looks distances up in cells of this side."""
+"""Side of the cells in which matching looks up distances."""
 BESIDE_M = 0.6
-"""A hit with no earlier hit within this has no match."""
+"""A hit has no match if no earlier hit lies within this distance."""
 SIGMA_M = 0.15
 """Standard deviation of the distance between matching hits."""
 WINDOW_M = 0.3
 WINDOW_DEG = 15.0
-"""The step of odometry from one sweep to the next is corrected by at most so much."""
+"""Largest correction of the step of odometry from one sweep to the next."""
 TURN_STEP_DEG = 1
-"""The window is searched in turns of this, and in steps of CELL_M."""
+"""The window is searched in turns of this angle, and in steps of CELL_M."""
 STEP_COST = 0.15
-"""A correction as large as the window costs so much of the mean likelihood, so that no sweep slides
-along a corridor."""
+"""The mean likelihood that a correction as large as the window costs, so that no sweep drifts along
+a corridor."""
 LEAST_SHARE = 0.6
-"""A sweep is joined with the earlier ones if at least this share of its hits, in its matched pose,
-lies near theirs."""
+"""A sweep is joined with the earlier sweeps if, at its matched pose, at least this share of its
+hits lies near theirs."""
 JUDGED_SWEEPS = 10
 MOST_UNJOINED = 2
-"""If more than MOST_UNJOINED of the last JUDGED_SWEEPS sweeps could not be joined, odometry
-contradicts the sweeps: most likely the laser is mounted otherwise than was said. Fewer come of
-wheels that slip."""
+"""Odometry contradicts the sweeps if more than MOST_UNJOINED of the last JUDGED_SWEEPS sweeps could
+not be joined: most likely the laser is mounted otherwise than specified. Slipping wheels cause
+fewer."""
 
 
 @dataclass(frozen=True)
@@ -64,9 +64,9 @@ class Gathered:
     newest_m: NDArray[np.float64]
     """(m, 2) the hits of the newest sweep alone, thinned."""
     starts_m: NDArray[np.float64]
-    """(b, 2) where each beam starts."""
+    """(b, 2) the start of each beam."""
     ends_m: NDArray[np.float64]
-    """(b, 2) where each beam ends: all hits, not thinned."""
+    """(b, 2) the end of each beam: all hits, not thinned."""
     path_m: float
     """The length of path over which the sweeps were taken."""
     is_contradicted: bool = False
@@ -75,23 +75,23 @@ class Gathered:
 
 @dataclass
 class Gatherer:
-    """Remembers the newest sweeps of a drive, and where they were taken."""
+    """Remembers the newest sweeps of a drive, and their poses."""
 
     corrects_odometry: bool = True
     """Whether each step of odometry is corrected by matching."""
     _hits: deque[NDArray[np.float64]] = field(default_factory=lambda: deque(maxlen=MOST_SWEEPS))
-    """(n, 2) of each sweep remembered, in its own frame."""
+    """The hits (n, 2) of each remembered sweep, in its own frame."""
     _poses: deque[NDArray[np.float64]] = field(default_factory=lambda: deque(maxlen=MOST_SWEEPS))
-    """start_T_sweep (3, 3) of each, in the frame of the sweep at which the gatherer last started.
-    """
+    """The pose start_T_sweep (3, 3) of each remembered sweep, in the frame of the sweep at which
+    the gatherer last started."""
     _unjoined: deque[bool] = field(default_factory=lambda: deque(maxlen=JUDGED_SWEEPS))
-    """For each of the last matched sweeps, whether it could not be joined with the earlier ones."""
+    """For each of the last matched sweeps, whether it could not be joined with earlier sweeps."""
 
     def add(self, points_m: NDArray[np.float64], step: NDArray[np.float64] | None) -> None:
         """Add the hits (n, 2) or (n, 3) of the next sweep, taken a `step` (4, 4) after the last.
 
-        Without a step by odometry, or where the sweep cannot be joined with the earlier ones, these
-        are forgotten.
+        The earlier sweeps are forgotten if there is no step of odometry, or if the new sweep cannot
+        be joined with them.
         """
         hits = flat(points_m)
         if step is None or not np.isfinite(step).all() or not self._hits:
@@ -99,9 +99,9 @@ class Gatherer:
             self._start(hits)
             return
         previous_T_sweep = np.eye(3)
-        previous_T_sweep[:2] = step[:2][:, [0, 1, 3]]  # what the step does to x and y
+        previous_T_sweep[:2] = step[:2][:, [0, 1, 3]]  # the part of the step in the plane
         start_T_sweep = self._poses[-1] @ previous_T_sweep
-        # the sweep before was remembered as the newest; now it stays only if it adds something
+        # the last sweep was remembered as the newest; it stays only if the robot had moved
         if len(self._hits) > 1 and not _has_moved(self._poses[-2], self._poses[-1]):
             self._hits.pop()
             self._poses.pop()
@@ -116,7 +116,7 @@ class Gatherer:
         self._poses.append(start_T_sweep)
 
     def restart(self) -> None:
-        """Forget all sweeps but the newest: the robot was carried, or its odometry is wrong."""
+        """Forget all sweeps but the newest, as after the robot was carried to another place."""
         while len(self._hits) > 1:
             self._hits.popleft()
             self._poses.popleft()
@@ -150,7 +150,7 @@ class Gatherer:
         )
 
     def _start(self, hits: NDArray[np.float64]) -> None:
-        """Forget all sweeps, and starts again with this one."""
+        """Forget all sweeps, and start again with the hits (n, 2) of a new sweep."""
         self._hits.clear()
         self._poses.clear()
         self._hits.append(hits)
@@ -159,11 +159,11 @@ class Gatherer:
     def _match(
         self, hits: NDArray[np.float64], start_T_sweep: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
-        """The pose (3, 3) of a sweep by matching, from that of odometry; None if it fits nowhere.
+        """The pose (3, 3) of a sweep by matching, from that by odometry; None if it fits nowhere.
 
-        Where there is too little to match, the pose of odometry stays.
+        If there are too few hits to match, the pose by odometry is returned.
         """
-        # the hits of the earlier sweeps, and around them the distance to the nearest
+        # the hits of the earlier sweeps
         earlier_hits = list(self._hits)[-MATCHED_SWEEPS:]
         earlier_poses = list(self._poses)[-MATCHED_SWEEPS:]
         in_start_frame = [
@@ -173,12 +173,12 @@ class Gatherer:
         earlier_m = thinned(np.concatenate(in_start_frame))
         if len(hits) < 3 or len(earlier_m) < 3:
             return start_T_sweep
-        # on a grid with a margin, since hits of the new sweep may lie beyond them
+        # the distance to the nearest of them, on a grid with a margin for hits of the new sweep
         corner_m = earlier_m.min(axis=0) - 2 * BESIDE_M
         sides_m = np.ptp(earlier_m, axis=0) + 4 * BESIDE_M
         cols, rows = (np.ceil(sides_m / CELL_M) + 2).astype(int)
         distance_m = _distances(earlier_m - corner_m, int(rows), int(cols))
-        # the best pose in the window, then refined in place, the second time more strictly
+        # find the best pose in the window, then refine it in place, first coarsely, then finely
         heading_rad = yaw(start_T_sweep)
         guess = np.array([*(start_T_sweep[:2, 2] - corner_m), heading_rad])
         thinned_hits = thinned(hits)
@@ -201,7 +201,7 @@ def single(points_m: NDArray[np.floating]) -> Gathered:
 
 
 def flat(points_m: NDArray[np.floating]) -> NDArray[np.float64]:
-    """The x and y (n, 2) of those hits (m, 2 or 3) that are finite and within REACH_M."""
+    """The x and y (n, 2) of the hits (m, 2 or 3) that are finite and within REACH_M."""
     points_m = np.asarray(points_m, np.float64)[:, :2]
     near: NDArray[np.bool_] = np.all(np.isfinite(points_m), axis=1)
     near[near] = np.linalg.norm(points_m[near], axis=1) <= REACH_M
@@ -209,7 +209,7 @@ def flat(points_m: NDArray[np.floating]) -> NDArray[np.float64]:
 
 
 def thinned(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The points (n, 2) thinned to the first in each square of THINNED_M, sorted by squares."""
+    """The points (n, 2) thinned to the first in each square of THINNED_M, sorted by square."""
     squares = np.floor(points_m / THINNED_M).astype(np.int64)
     square_numbers = squares[:, 0] * 1_000_003 + squares[:, 1]  # one number for each square
     _, rows = np.unique(square_numbers, return_index=True)
@@ -243,8 +243,8 @@ def _distances(points_m, rows, cols):  # type: ignore[no-untyped-def]
 def _best_in_window(distance_m, points_m, guess):  # type: ignore[no-untyped-def]
     """The best pose (3,) of points (n, 2) in the window around a guess (3,).
 
-    It has the highest mean likelihood less the cost of its distance from the guess. Poses are x, y
-    in metres from the corner of the cells (row, col) and heading in radians.
+    The best pose has the highest mean likelihood minus the cost of its distance from the guess.
+    Poses are x, y in metres from the corner of the cells (row, col) and heading in radians.
     """
     rows, cols = distance_m.shape
     best = guess.copy()
@@ -255,7 +255,7 @@ def _best_in_window(distance_m, points_m, guess):  # type: ignore[no-untyped-def
         heading = guess[2] + np.deg2rad(turn * TURN_STEP_DEG)
         cos = np.cos(heading)
         sin = np.sin(heading)
-        # in cells; a step of the window then moves all points by a whole cell
+        # positions in cells, so that a step of the window moves all points by a whole cell
         xs = (guess[0] + cos * points_m[:, 0] - sin * points_m[:, 1]) / CELL_M
         ys = (guess[1] + sin * points_m[:, 0] + cos * points_m[:, 1]) / CELL_M
         for up in range(-steps, steps + 1):
@@ -280,7 +280,7 @@ def _best_in_window(distance_m, points_m, guess):  # type: ignore[no-untyped-def
 
 @njit(cache=True, nogil=True)
 def _near_share(distance_m, points_m, pose):  # type: ignore[no-untyped-def]
-    """The share of points (n, 2), in a pose (3,), that lie within 2 SIGMA_M of an earlier hit."""
+    """The share of points (n, 2), at a pose (3,), that lie within 2 SIGMA_M of an earlier hit."""
     rows, cols = distance_m.shape
     cos = np.cos(pose[2])
     sin = np.sin(pose[2])

@@ -1,9 +1,8 @@
 """Localises stretches of the training day on the map without them, as evidence for a verdict.
 
-The sweeps of the day go in. Each validation query is asked twice: on the map without its own
-sweeps, as a place that the map has; and without all sweeps around it, as a place never seen. The
-fixes and the true poses come out as `FixEvidence`, on which verdict.py tests its limits (METHODS
-13.4).
+In: the sweeps of the day. Out: `FixEvidence`, fixes with true poses, on which verdict.py tests its
+thresholds (METHODS 13.4). Each validation query is localised twice: on the map without its own
+sweeps, as at a known place; and without all sweeps around it, as at a novel place.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,15 +29,15 @@ class Sweeps:
     """The sweeps of a drive, one after the other."""
 
     points: Callable[[int], NDArray[np.floating]]
-    """Gives the hits (n, 2 or 3) of a sweep by its number, in metres, in the robot's frame."""
+    """Returns the hits (n, 2 or 3) of the sweep of a number, in metres, in the robot's frame."""
     world_T_sweep: NDArray[np.float64]
     """(sweep, 4, 4) true poses of the robot."""
     odom_T_sweep: NDArray[np.float64]
-    """(sweep, 4, 4) its poses by odometry alone; NaN where there is none."""
+    """(sweep, 4, 4) the robot's poses by odometry alone; NaN where there is none."""
 
     @classmethod
     def of(cls, scans: Scans, is_posed: bool = False) -> Self:
-        """The sweeps of a scans artifact; if `is_posed`, only those that have a true pose."""
+        """The sweeps of a scans artifact; if `is_posed`, only those with a true pose."""
         world_T_scan = scans.load("world_T_scan")
         rows = np.arange(len(world_T_scan))
         if is_posed:
@@ -55,19 +54,19 @@ class Sweeps:
 
     @property
     def is_level(self) -> bool:
-        """Whether the laser is level, judged by some of the sweeps."""
+        """Whether the laser is level, judged by a few of the sweeps."""
         rows = np.unique(np.linspace(0, len(self.world_T_sweep) - 1, MEASURED_SUBMAPS).astype(int))
         return is_level(self.points(row) for row in rows.tolist())
 
     def step(self, row: int) -> NDArray[np.float64] | None:
-        """The step (4, 4) since the sweep before, by odometry; None if unknown."""
+        """The step (4, 4) of odometry from the sweep before to that of a row; None if unknown."""
         if row == 0:
             return None
         step = np.linalg.inv(self.odom_T_sweep[row - 1]) @ self.odom_T_sweep[row]
         return np.asarray(step) if np.isfinite(step).all() else None
 
     def part(self, first: int, last: int) -> "Sweeps":
-        """The sweeps from number `first` on, up to but without `last`."""
+        """The sweeps from number `first` to before `last`."""
         return Sweeps(
             lambda row: self.points(first + row),
             self.world_T_sweep[first:last],
@@ -75,7 +74,7 @@ class Sweeps:
         )
 
     def gathered(self, rows: Sequence[int], over_m: float) -> dict[int, Gathered]:
-        """Each of the sweeps `rows`, with those of the `over_m` of path before it, by its row."""
+        """By row, each of the sweeps `rows` with the sweeps of the `over_m` of path before it."""
         wanted = set(rows)
         gatherer = Gatherer()
         gathered_by_row: dict[int, Gathered] = {}
@@ -89,28 +88,27 @@ class Sweeps:
 @dataclass(frozen=True)
 @checked("level.validation")
 class LevelValidation:
-    """Which sweeps of the training day are kept for validation, as if they were queries of another
-    day."""
+    """Keeps sweeps of the training day for validation, as if they were queries of another day."""
 
     every_m: Positive = 2.5
-    """At least so much path lies between two queries, so that each is evidence of its own."""
+    """Least path between two queries, so that they are independent evidence."""
     most: Count = 60
-    """At most so many queries are asked, evenly along the path."""
+    """Largest number of queries; they are spaced evenly along the path."""
     around_m: Sequence[float] = (8.0, 16.0)
-    """To be a place never seen, a query is asked without all sweeps nearer than this: the queries
-    take these distances in turn."""
+    """To make a novel place, the map of a query lacks all sweeps nearer than one of these
+    distances; the queries take the distances in turn."""
 
     def evidence(
         self, fixer: LevelFixer, sweeps: Sweeps, drawing: Drawing, over_m: float
     ) -> FixEvidence[LevelFix]:
-        """Localise each query on the map without its own sweeps, and without its surroundings.
+        """Localise each query on the map without its own sweeps, then without its surroundings.
 
-        A query is gathered over `over_m` of path; `drawing` has the beams of all sweeps.
+        A query is gathered over `over_m` of path; `drawing` holds the beams of all sweeps.
         """
         path_m = travelled_m(sweeps.world_T_sweep[:, :2, 3])
         count = int(min(self.most, path_m[-1] // self.every_m))
-        asked_at_m = np.linspace(over_m, path_m[-1], max(count, 1))
-        rows = np.unique(np.searchsorted(path_m, asked_at_m).clip(0, len(path_m) - 1))
+        queried_at_m = np.linspace(over_m, path_m[-1], max(count, 1))
+        rows = np.unique(np.searchsorted(path_m, queried_at_m).clip(0, len(path_m) - 1))
         gathered = sweeps.gathered(rows.tolist(), over_m)
         fixes: list[LevelFix] = []
         for number, row in enumerate(rows.tolist()):
@@ -122,7 +120,7 @@ class LevelValidation:
             around = away_m < self.around_m[number % len(self.around_m)]
             fixes.append(_fix_without(fixer, drawing, of_query, gathered[row]))
             fixes.append(_fix_without(fixer, drawing, of_query | around, gathered[row]))
-        # two fixes for each query: of its place seen, then unseen
+        # two fixes for each query: at a known place, then at a novel place
         return FixEvidence(
             fixes,
             sweeps.world_T_sweep[rows].repeat(2, axis=0),
@@ -134,9 +132,9 @@ class LevelValidation:
 def _fix_without(
     fixer: LevelFixer, drawing: Drawing, left_out: NDArray[np.bool_], gathered: Gathered
 ) -> LevelFix:
-    """The fix of gathered sweeps on the map without the sweeps (s,) that are `left_out`."""
+    """The fix of gathered sweeps on the map without the sweeps that are True in `left_out` (s,)."""
     try:
         level_map = drawing.level_map(left_out)
-    except InputError:  # nothing is left
+    except InputError:  # the remaining sweeps make no map
         return LevelFix()
     return fixer.fix(Field.of(level_map), gathered)

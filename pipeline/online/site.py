@@ -144,7 +144,7 @@ class Site:
         self.claim_judge = Judge(verdict.pose, verdict.place)
         self.fixer: Fixer = replace(
             build(description.fixer, ROOTS),
-            probabilities=self.claim_judge.pose,
+            model=self.claim_judge.pose,
             expectations=Expectations.of_arrays(arrays),
         )
         self.target_precisions: dict[float, tuple[float, ...]] = verdict.thresholds

@@ -1,9 +1,9 @@
 """A Bayes filter over the poses that a robot may have along its path (METHODS 10.2).
 
-Steps of odometry and fixes with probabilities go in, one scan after the other; the likeliest pose
-and its probability come out, given all scans so far. The filter holds a few hypotheses, poses with
-probabilities that earlier fixes have named. What their probabilities lack of 1 is that of
-"elsewhere": any other pose, and any place outside the map.
+In: steps of odometry, and fixes with probabilities, one scan after the other. Out: the likeliest
+pose and its probability, given all scans so far. The filter holds a few hypotheses: the poses of
+earlier fixes, carried on by odometry, with their probabilities. The probabilities and that of
+"elsewhere" (any other pose, and any place outside the map) add up to 1.
 """
 
 from dataclasses import dataclass, field, replace
@@ -18,20 +18,19 @@ from pipeline.core.frames import RIGHT_WITHIN, Poses, distance_and_turn
 RIGHT_M, RIGHT_DEG = RIGHT_WITHIN
 DRIFT = 0.05
 TURN_DEG_PER_M = 0.1
-"""Standard deviations of odometry: of a step, as a share of its length; of the heading, for each
+"""Standard deviations of odometry: of a step, as a share of its length; of the heading, per
 metre."""
 DEVIATIONS = 3.0
-"""A hypothesis may have drifted by so many standard deviations."""
+"""A hypothesis may have drifted by this many standard deviations."""
 JUMP_PROBABILITY = 0.001
-"""The probability at each scan that the robot was carried off."""
+"""The probability at each scan that the robot was carried to another place."""
 REPEAT_SHARE = 0.3
 """The share of wrong fixes that lie near a hypothesis: the next scan may show the same perceptual
 alias, or the fix may have slipped along a street. It is assumed, not learned."""
 LEAST_PROBABILITY = 1e-6
-"""No fix is taken for surely wrong, nor for surely right: its probability is this far from 0 and
-1."""
+"""No fix is surely wrong or surely right: its probability is at least this far from 0 and 1."""
 NEW_VIEW_M = 0.5
-"""A robot that has moved by less sees the same again: no new evidence."""
+"""A robot that has moved by less has the same view, which is no new evidence."""
 FORGOTTEN_PROBABILITY = 1e-5
 """A hypothesis of a smaller probability is dropped."""
 
@@ -41,7 +40,7 @@ class Hypotheses:
     """Poses that the robot may have, with their probabilities."""
 
     poses: Poses = field(default_factory=lambda: np.zeros((0, 4, 4)))
-    """(hypothesis, 4, 4) in the world: a fix, carried on by odometry since."""
+    """(hypothesis, 4, 4) poses in the world: fixes, carried on by odometry since."""
     probabilities: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     """(hypothesis,) the probability that the robot is there, within the drift since the fix."""
     drift_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
@@ -50,8 +49,11 @@ class Hypotheses:
     """(hypothesis,) standard deviation of the heading by odometry since the fix."""
 
     def moved(self, step: Poses, deviations: tuple[float, float], jump_probability: float) -> Self:
-        """The hypotheses moved by `step` (4, 4), with the deviations and the probability of a
-        jump."""
+        """The hypotheses moved by `step` (4, 4).
+
+        `deviations` are the step's standard deviations in metres and degrees, `jump_probability`
+        the probability that the robot was carried to another place meanwhile.
+        """
         deviations_m, deviations_deg = deviations
         return replace(
             self,
@@ -64,7 +66,7 @@ class Hypotheses:
     def seen(
         self, world_T_robot: Poses, probability: float, tracked: bool, unseen_share: float
     ) -> Self:
-        """The hypotheses given one more fix, which is the last of them: see `Belief.see`."""
+        """The hypotheses given one more fix, which becomes the last of them: see `Belief.see`."""
         elsewhere = 1 - float(self.probabilities.sum())
         away_m, turn_deg = distance_and_turn(
             self.poses, np.broadcast_to(world_T_robot, self.poses.shape)
@@ -97,30 +99,32 @@ class Hypotheses:
 
 @dataclass
 class Belief:
-    """What is believed about where a robot is; at first nothing.
+    """The belief about a robot's pose; at first there are no hypotheses.
 
-    The same view without motion is no new evidence. So fixes count one on top of the other only if
-    the robot has moved by NEW_VIEW_M between them. Each other one is weighed against what was
-    believed before the last fix that counted, in place of that.
+    The same view without motion is no new evidence. So a fix counts as a further fix only if the
+    robot has moved by NEW_VIEW_M since the last fix that counted. Any other fix takes the place of
+    the last fix: it updates the belief from before it.
     """
 
     unseen_share: float = 0.2
     """The share of queries to expect outside the map, as in the site's verdict (METHODS 9.5)."""
     views: int = 0
-    """How many fixes have counted."""
+    """Number of fixes that have counted."""
     now: Hypotheses = field(default_factory=Hypotheses)
-    """Given all fixes, the last one included."""
-    _counted: Hypotheses = field(default_factory=Hypotheses)  # given all that have counted
-    _before: Hypotheses = field(default_factory=Hypotheses)  # given all of these but the last one
-    _last_pose: Poses = field(default_factory=lambda: np.full((4, 4), np.nan))  # which is here
-    _since: Poses = field(default_factory=lambda: np.eye(4))  # the motion since
-    _is_guessed: bool = False  # whether a step of that motion was
+    """The hypotheses given all fixes, the last one included."""
+    # The hypotheses given all fixes that have counted; and given all of these but the last one.
+    _counted: Hypotheses = field(default_factory=Hypotheses)
+    _before: Hypotheses = field(default_factory=Hypotheses)
+    # The pose of the last fix that counted; the motion since; whether a step of it was guessed.
+    _last_pose: Poses = field(default_factory=lambda: np.full((4, 4), np.nan))
+    _since: Poses = field(default_factory=lambda: np.eye(4))
+    _is_guessed: bool = False
 
     def move(self, step: Poses, deviations: tuple[float, float] | None = None) -> None:
         """Move all hypotheses by `step` (4, 4): the new pose in the frame of the old one.
 
-        `deviations` holds the standard deviations of a step that was guessed, in metres and
-        degrees; by default they are those of odometry.
+        `deviations` are the standard deviations, in metres and degrees, of a step that was
+        guessed; by default they are those of odometry.
         """
         self._is_guessed |= deviations is not None
         if deviations is None:
@@ -129,25 +133,26 @@ class Belief:
         self._since = self._since @ step
         is_same_view = not self._is_guessed and self._since_m < NEW_VIEW_M
         self.now = self.now.moved(step, deviations, JUMP_PROBABILITY)
-        # a robot that stands is not lost by and by: the same view says that it is still there
+        # a robot that stands still does not get lost with time: the same view shows it still there
         jump_probability = 0.0 if is_same_view else JUMP_PROBABILITY
         self._counted = self._counted.moved(step, deviations, jump_probability)
         self._before = self._before.moved(step, deviations, jump_probability)
 
     def see(self, world_T_robot: Poses, probability: float, tracked: bool = False) -> float:
-        """Add the pose (4, 4) of a fix, right with `probability` by its scan alone.
+        """Add the pose (4, 4) of a fix, which is right with `probability` by its scan alone.
 
-        Returns the probability that it is right given all scans before. Each way in which things
-        may be has a weight, and its probability is its share of their sum:
+        Returns the probability that the fix is right given all scans so far. Each of the following
+        cases has a weight, and its probability is its share of the sum of the weights:
 
         - The fix is right, and the robot was elsewhere before, or at a hypothesis near the fix. A
-          near hypothesis speaks for the fix, since few wrong fixes lie near one (REPEAT_SHARE). Not
-          for a `tracked` fix, which was sought near a hypothesis.
-        - The fix is wrong, and the robot is elsewhere, or at a hypothesis: at one near the fix, if
-          the fix has slipped from it; at one that agrees with the fix, being within RIGHT_M of it,
-          only if drift has left that hypothesis wrong too.
+          hypothesis near the fix is evidence for it, since few wrong fixes lie near a hypothesis
+          (REPEAT_SHARE). It is no evidence for a `tracked` fix, which was searched for near a
+          hypothesis.
+        - The fix is wrong, and the robot is elsewhere, or at a hypothesis. If the hypothesis is
+          near the fix, the fix has slipped from it. If it agrees with the fix, within RIGHT_M, it
+          must be wrong too, by its drift.
 
-        The fix becomes a hypothesis in place of those that agree with it.
+        The fix becomes a hypothesis in place of the hypotheses that agree with it.
         """
         moved_m = self._since_m
         if self._is_guessed:
@@ -170,10 +175,10 @@ class Belief:
         return float(np.linalg.norm(self._since[:3, 3]))
 
     def slipped_m2(self) -> NDArray[np.float64]:
-        """The covariance (3, 3) by which the last fix may have slipped, in the world, in m².
+        """The covariance (3, 3) in m², in the world, of how far the last fix may have slipped.
 
-        It sums up the hypotheses that the fix may have slipped from: their distances and drifts,
-        each weighted by its probability.
+        It is the sum, over the hypotheses that the fix may have slipped from, of their squared
+        distances and drifts, weighted by their probabilities.
         """
         off_m = self.now.poses[:-1, :3, 3] - self.now.poses[-1, :3, 3]
         drift_m = self.now.drift_m[:-1]
@@ -183,10 +188,9 @@ class Belief:
         return np.asarray(apart_m2 + float((probabilities * drift_m**2).sum()) * np.eye(3))
 
     def best(self) -> tuple[Poses, float] | None:
-        """The pose (4, 4) most likely within RIGHT_M of the robot's, and the probability that it
-        is.
+        """The pose (4, 4) that is most likely within RIGHT_M of the robot, with its probability.
 
-        None before any fix.
+        Returns None before the first fix.
         """
         if not len(self.now.probabilities):
             return None
@@ -196,7 +200,7 @@ class Belief:
 
 
 def still_right(drift_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The probability that a right pose is within RIGHT_M still, after it has drifted.
+    """The probability that a right pose is still within RIGHT_M after it has drifted.
 
     `drift_m` is the standard deviation of the drift along its main direction.
     """

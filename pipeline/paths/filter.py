@@ -1,4 +1,4 @@
-"""Filter: the pose of each query by its own fix and all before it, as on a robot (METHODS 9.9)."""
+"""Filter: the pose of each query from its own and all earlier fixes (METHODS 9.9)."""
 
 from dataclasses import dataclass
 
@@ -10,10 +10,11 @@ from pipeline.paths.tracks import Estimates, Track
 
 @dataclass(frozen=True)
 class Filter:
-    """Takes the likeliest pose of a `Belief`: the query's own fix, or an earlier one driven on."""
+    """Takes the likeliest pose of a `Belief`, as a robot does while it drives: the query's own fix,
+    or an earlier fix carried on by odometry."""
 
     def along(self, track: Track) -> Estimates:
-        """Estimate each query from the fixes up to it; where odometry breaks off, starts again."""
+        """Estimate each query from the fixes up to it; a break in odometry resets the belief."""
         poses = np.full_like(track.world_T_query, np.nan)
         probabilities = np.zeros(len(track.probability))
         belief = Belief()

@@ -1,11 +1,12 @@
 """Graph: the poses of a drive's queries by a pose graph of the whole drive (METHODS 9.9).
 
-1. Take the stretches of the drive in which odometry is not interrupted, and their fixes.
-   2. Find the largest set of fixes that agree with one of them by odometry, and the probability
-   that they are right.
-3. Optimise the poses of all queries (gtsam): steps of odometry join neighbours, fixes hold them.
-   4. The probability of a query is that of the agreeing fixes, times that of its position by the
-   graph.
+1. Split the drive into stretches without a break in odometry, each with its fixes.
+2. Find the likeliest set of fixes that agree with one of them by odometry, and the probability that
+   they are right.
+3. Optimise the poses of all queries (gtsam): steps of odometry are factors between neighbours, and
+   fixes are priors.
+4. The probability of a query's pose is the probability of the agreeing fixes, times the probability
+   that the position is right by its covariance in the graph.
 """
 
 from dataclasses import dataclass
@@ -25,18 +26,17 @@ RIGHT_M, RIGHT_DEG = RIGHT_WITHIN
 @dataclass(frozen=True)
 @checked("path")
 class Graph:
-    """Binds a day's odometry to the map by fixes: the future work of Yin et al. (IROS 2018).
+    """Joins a day's odometry with the map by fixes: the future work of Yin et al. (IROS 2018).
 
     Its fields are the keys of conf/path/graph.yaml.
     """
 
     verdict: bool
-    """True if only accepted fixes, which keep a target precision of .99, hold the graph; else all
-    do."""
+    """Whether only accepted fixes, at a target precision of .99, are priors; otherwise all are."""
     drift: Positive
     """Standard deviation of a step of odometry, as a share of its length."""
     turn_deg_per_m: Positive
-    """Standard deviation of the turn in a step of odometry, for each metre of its length."""
+    """Standard deviation of the turn in a step of odometry, per metre of its length."""
     fix_m: Positive
     fix_deg: Positive
     """Standard deviations of a right fix, added to its own covariance: the map is not exact."""
@@ -46,7 +46,7 @@ class Graph:
     def along(self, track: Track) -> Estimates:
         """Estimate each query from the whole drive, past and future.
 
-        A stretch without odometry or without such a fix has no estimates.
+        A stretch without odometry, or without a fix that is used, has no estimates.
         """
         poses = np.full_like(track.world_T_query, np.nan)
         probabilities = np.zeros(len(track.probability))
@@ -67,12 +67,12 @@ class Graph:
     def agreeing_fixes(
         self, track: Track, fix_rows: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], float]:
-        """The likeliest set of the fixes (n,) that agree with one of them by odometry.
+        """The likeliest set of fixes (n,) that agree with one of them by odometry.
 
-        Returns their rows, and the probability that they are right. Each is right with its own
-        probability c, and of wrong fixes a share of REPEAT_SHARE agrees with the first. So the odds
+        Returns their rows, and the probability that they are right. Each fix is right with its own
+        probability c, and the share REPEAT_SHARE of wrong fixes agrees with the first. So the odds
         of "all right" against "all wrong" are the product of all c / (1 − c), divided by
-        REPEAT_SHARE for each but the first.
+        REPEAT_SHARE for each fix but the first.
         """
         odom_T_fix = track.odom_T_query[fix_rows]
         world_T_fix = track.world_T_query[fix_rows]
@@ -102,16 +102,16 @@ class Graph:
         fix_rows: NDArray[np.int64],
         agreeing_rows: NDArray[np.int64],
     ) -> tuple[Poses, NDArray[np.float64]]:
-        """Optimise the poses of the queries `stretch` (n,), held by the fixes `fix_rows`.
+        """Optimise the poses of the queries `stretch` (n,), with the fixes `fix_rows` as priors.
 
-        Returns them (n, 4, 4), and the probability (n,) that each lies within RIGHT_M if the
+        Returns the poses (n, 4, 4), and the probability (n,) that each lies within RIGHT_M if the
         agreeing fixes are right.
         """
-        # each query starts where odometry leads to it from the nearest of the agreeing fixes
+        # each query starts at its pose by odometry from the nearest agreeing fix
         nearest = agreeing_rows[np.abs(stretch[:, None] - agreeing_rows[None]).argmin(1)]
         world_T_odom = track.world_T_query[nearest] @ np.linalg.inv(track.odom_T_query[nearest])
         graph = PoseGraph(stretch, world_T_odom @ track.odom_T_query[stretch])
-        # steps of odometry; the length added lets a step that stands still deviate a little, too
+        # steps of odometry; the added length lets a step of no length deviate a little, too
         for previous in stretch[:-1].tolist():
             step = track.steps[previous]
             length_m = float(np.linalg.norm(step[:3, 3])) + self.fix_m / 10

@@ -1,6 +1,6 @@
-"""Odometry: the first accepted fix, driven on by odometry alone (METHODS 9.9).
+"""Odometry: the first accepted fix, carried on by odometry alone (METHODS 9.9).
 
-It is the baseline that filter and graph have to better.
+It is the baseline of the filter and the graph.
 """
 
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ class Odometry:
     def along(self, track: Track) -> Estimates:
         """Carry the first accepted fix on by odometry; before it there is no estimate.
 
-        Where odometry breaks off, the next accepted fix is carried on.
+        After a break in odometry, the next accepted fix is carried on.
         """
         poses = np.full_like(track.world_T_query, np.nan)
         probabilities = np.zeros(len(track.probability))
         probability = 0.0
         driven_m = 0.0
         for row in range(len(poses)):
-            # NaN before any fix, and where odometry breaks off
+            # NaN before any fix, and at a break in odometry
             carried_pose = poses[row - 1] @ track.steps[row - 1] if row else poses[0]
             if np.isfinite(carried_pose).all():
                 poses[row] = carried_pose

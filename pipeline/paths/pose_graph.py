@@ -1,8 +1,8 @@
 """Pose graph: the poses that fit steps, fixes, loops and the ground best (METHODS 9.9, 12.3).
 
-`PoseGraph` is built of poses, and of what holds them: each is a factor with its noise. It is solved
-by Levenberg and Marquardt's method in gtsam (Dellaert and Kaess 2017). `Graph` (graph.py) makes one
-of a drive's fixes, pipeline/slam one of the loops of a drive without poses.
+A `PoseGraph` consists of poses and of factors, each with its noise model. It is solved by the
+method of Levenberg and Marquardt in gtsam (Dellaert and Kaess 2017). `Graph` (graph.py) builds one
+from the fixes of a drive, pipeline/slam one from the loops of a drive without poses.
 """
 
 from typing import Any
@@ -15,21 +15,21 @@ from pipeline.core.frames import Poses
 
 
 def imported_gtsam() -> Any:
-    """Import gtsam, which no other part needs; raises NotInstalledError without it."""
+    """Import gtsam, which only pose graphs need; raises NotInstalledError if it is missing."""
     with needed("graph", "113 MB"):
         import gtsam
     return gtsam
 
 
 class PoseGraph:
-    """Poses of some keys, numbers that name them, and the factors between these.
+    """The poses of some keys (whole numbers), and the factors on them and between them.
 
-    The noise of a factor is that of a small turn in radians, then of a step in metres, in the frame
-    of the last key that it holds: `deviations` or `robust`.
+    The noise of a factor (`deviations` or `robust`) is that of a small turn in radians, then of a
+    step in metres, in the frame of the factor's last key.
     """
 
     def __init__(self, keys: NDArray[np.int64], world_T_key: Poses) -> None:
-        """Begin with k keys and a first guess (k, 4, 4) of their poses."""
+        """Start with k keys and a first guess (k, 4, 4) of their poses."""
         self._gtsam = imported_gtsam()
         self._keys = keys.tolist()
         self._factors = self._gtsam.NonlinearFactorGraph()
@@ -38,15 +38,16 @@ class PoseGraph:
             self._values.insert(key, self._gtsam.Pose3(pose))
 
     def deviations(self, sds: NDArray[np.float64]) -> Any:
-        """The noise of standard deviations (6,)."""
+        """The noise model of independent standard deviations (6,)."""
         return self._gtsam.noiseModel.Diagonal.Sigmas(sds)
 
     def robust(
         self, covariance: NDArray[np.float64], more_deg: float, more_m: float, outlier: float
     ) -> Any:
-        """The noise of a covariance (6, 6) and further deviations, under Cauchy's loss.
+        """The noise model of a covariance (6, 6), with Cauchy's robust loss.
 
-        What is off by more deviations than `outlier` loses weight.
+        The deviations `more_deg` and `more_m` are added to the covariance. A factor that is off by
+        more than `outlier` deviations loses weight.
         """
         floor = np.diag(np.repeat([np.deg2rad(more_deg), more_m], 3) ** 2)
         gaussian = self._gtsam.noiseModel.Gaussian.Covariance(covariance + floor)
@@ -54,17 +55,17 @@ class PoseGraph:
         return self._gtsam.noiseModel.Robust.Create(cauchy, gaussian)
 
     def hold(self, key: int, world_T_key: Poses, noise: Any) -> None:
-        """Add that a key has a pose (4, 4): a fix, or where the first key shall stay."""
+        """Add a prior on the pose (4, 4) of a key: a fix, or the fixed pose of the first key."""
         pose = self._gtsam.Pose3(world_T_key)
         self._factors.add(self._gtsam.PriorFactorPose3(key, pose, noise))
 
     def join(self, key: int, later: int, key_T_later: Poses, noise: Any) -> None:
-        """Add the pose (4, 4) of a later key in the frame of another: a step, or a loop."""
+        """Add the pose (4, 4) of a later key in the frame of another key: a step, or a loop."""
         pose = self._gtsam.Pose3(key_T_later)
         self._factors.add(self._gtsam.BetweenFactorPose3(key, later, pose, noise))
 
     def level(self, key: int, normal: NDArray[np.float64], deg: float) -> None:
-        """Add that a normal (3,) in a key's frame points upwards, within a deviation in degrees."""
+        """Add that a normal (3,) in a key's frame points upwards, with a deviation in degrees."""
         noise = self._gtsam.noiseModel.Isotropic.Sigma(2, np.deg2rad(deg))
         upward = self._gtsam.Unit3(0.0, 0.0, 1.0)
         in_key = self._gtsam.Unit3(*normal)

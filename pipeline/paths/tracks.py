@@ -1,8 +1,8 @@
 """Tracks: the fixes of a drive's queries in their order, joined with its odometry (METHODS 9.9).
 
-The stage `paths` calls `joined`: the fixes of a test sequence and its odometry go in, and a `Path`
-(filter, odometry or graph, a file each) estimates each query's pose from the whole track. These
-poses come out in place of the fixes, as a further variant of the method.
+The stage `paths` calls `joined`. In: the fixes of a test sequence and its odometry. Out: the same
+artifact with other poses: a `Path` (filter, odometry or graph, each in its own file) estimates each
+query's pose from the track. They are a further variant of the method.
 """
 
 from dataclasses import dataclass, replace
@@ -28,19 +28,20 @@ class Track:
     odom_T_query: Poses
     """(q, 4, 4) poses by odometry; NaN where there is none."""
     world_T_query: Poses
-    """(q, 4, 4) the fix of each query alone; NaN where it has none."""
+    """(q, 4, 4) the fix of each query by itself; NaN if it has none."""
     probability: NDArray[np.float64]
     """(q,) the probability that the fix is right."""
     accepted: NDArray[np.bool_]
-    """(q,) whether the fix keeps the target precision, .99."""
+    """(q,) whether the fix is accepted at the target precision, .99."""
     covariance: NDArray[np.float64]
-    """(q, 6, 6) of the fix: a turn in radians, then a step in metres, in the query's frame."""
+    """(q, 6, 6) covariance of the fix: of a small turn in radians, then of a step in metres, in the
+    query's frame."""
 
     @cached_property
     def steps(self) -> Poses:
-        """The pose (q − 1, 4, 4) of each query in the frame of the one before.
+        """The pose (q − 1, 4, 4) of each query in the frame of the query before.
 
-        NaN where the odometry is interrupted.
+        It is NaN at a break in odometry.
         """
         return np.asarray(np.linalg.inv(self.odom_T_query[:-1]) @ self.odom_T_query[1:])
 
@@ -50,25 +51,24 @@ class Estimates:
     """The poses of a drive's q queries by the whole track, and their probabilities."""
 
     world_T_query: Poses
-    """(q, 4, 4); NaN where nothing is known."""
+    """(q, 4, 4) poses; NaN for a query without an estimate."""
     probability: NDArray[np.float64]
     """(q,) the probability that the pose is right: within 2 m and 5°."""
 
 
 class Path(Protocol):
-    """A way to join fixes and odometry: one file in pipeline/paths, one or more in conf/path."""
+    """A way to join fixes and odometry: a file in pipeline/paths, and one or more in conf/path."""
 
     def along(self, track: Track) -> Estimates:
         """Estimate the pose of each query of a track."""
 
 
 def joined(fixes: Fixes, odom_T_anchor: Poses, path: Path, places: Places) -> Fixes:
-    """The fixes of one sequence with estimates along its path in place of single poses.
+    """The fixes of one sequence, with estimates along its path in place of the single poses.
 
-    The queries of each case, one way in which they were perturbed (pipeline/perturbations), are a
-    drive. An estimate is accepted where its probability is the target precision, since no
-    validation blocks tell more. Raises InputError where fixes and odometry (n, 4, 4) are not of the
-    same n submaps.
+    The queries of each case (pipeline/perturbations) are one drive. An estimate is accepted if its
+    probability exceeds the target precision, since no validation blocks give a better threshold.
+    Raises InputError if fixes and odometry (n, 4, 4) are not of the same n submaps.
     """
     cases = len(read_cases(fixes.cases))
     n = len(odom_T_anchor)
@@ -85,11 +85,11 @@ def joined(fixes: Fixes, odom_T_anchor: Poses, path: Path, places: Places) -> Fi
         world_T_query[rows] = estimates.world_T_query
         probability[rows] = estimates.probability
         novelty[rows, 0] = 1 - estimates.probability
-    # the other two beliefs, place and several, were judged by another pose
+    # the other two claims, place and several, were judged at the pose of the query's own fix
     accept_nothing = (ACCEPT_NOTHING,) * len(fixes.target_precisions)
     return replace(
         fixes,
-        **_answers_led_by_poses(fixes, world_T_query, places),
+        **_answers_with_poses_first(fixes, world_T_query, places),
         world_T_query=world_T_query,
         novelty=novelty,
         confidence=probability,
@@ -103,7 +103,7 @@ def joined(fixes: Fixes, odom_T_anchor: Poses, path: Path, places: Places) -> Fi
 
 
 def _track(fixes: Fixes, rows: slice, odom_T_anchor: Poses) -> Track:
-    """The track of one case, whose queries are `rows`; its odometry is turned as they are."""
+    """The track of one case, whose queries are `rows`; its odometry is turned like the queries."""
     turn_rad = np.deg2rad(fixes.turned_deg[rows].astype(np.float64))
     error_probability = fixes.novelty[rows, 0].astype(np.float64)
     return Track(
@@ -115,8 +115,8 @@ def _track(fixes: Fixes, rows: slice, odom_T_anchor: Poses) -> Track:
     )
 
 
-def _answers_led_by_poses(fixes: Fixes, world_T_query: Poses, places: Places) -> dict[str, Any]:
-    """The ranked answers of all queries, those that have a pose (q, 4, 4) led by its place."""
+def _answers_with_poses_first(fixes: Fixes, world_T_query: Poses, places: Places) -> dict[str, Any]:
+    """The ranked answers of all queries; a query with a pose (q, 4, 4) has its place first."""
     names = ("places", "costs", "xy_m", "heading_deg")
     answers = {name: getattr(fixes, name).copy() for name in names}
     for row in np.flatnonzero(np.isfinite(world_T_query).all((1, 2))).tolist():

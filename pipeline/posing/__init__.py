@@ -6,11 +6,12 @@ The pose has six degrees of freedom. The modules, in the order of the steps:
     walls         scores candidates by their walls from above, at all headings
     registration  aligns the query with the best candidates, point by point
     verification  what the map then says for and against a pose
-    slides        where else along its street a pose would look right
+    aliases       other poses near a pose at which the query would fit as well
     search        all these steps for one query
-    fix           the poses that are left, the likeliest first
+    probabilities how likely each pose is right, by its features
+    fix           the poses of a query, the likeliest first
     queries       the fixes of a test sequence
-    validation      the fixes of validation blocks of the training day, as evidence
-    verdict       learns from that the probability that a fix is right, and when to reject it
+    validation    the fixes of validation blocks of the training day, as evidence
+    verdict       learns from this evidence how probable a fix is, and when to reject it
     answers       the ranking, with the registered poses first
 """

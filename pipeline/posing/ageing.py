@@ -1,9 +1,10 @@
-"""Ageing: changes the points of a scan as a later day would see them (METHODS 9.5).
+"""Simulated ageing: changes a scan's points to what a later day might see (METHODS 9.5).
 
-In: a validation scan of the training day. Out: the scan with new walls, without what these hide,
-with new cars and tree crowns, without some things, without a wedge of directions, and thinned as
-leaves and snow do. A verdict learns from aged scans too, so that it knows more than one day. How
-strong the changes are was fixed beforehand, not by any result.
+In: a validation scan of the training day. Out: the scan with new walls, without the points behind
+them, with new cars and tree crowns, without some objects, without a wedge of directions, and
+thinned as by fallen leaves and snow. It is an augmentation: a verdict learns from aged scans too,
+so that it is not fitted to one day alone. The strengths of the changes were chosen beforehand, not
+by any result.
 """
 
 from dataclasses import dataclass, field
@@ -17,40 +18,42 @@ from pipeline.perturbations.construction import Construction
 from pipeline.posing.registration import Points
 
 AWAY_M = (5.0, 30.0)
-"""Distances from the sensor of things that come or go."""
+"""Distances from the sensor at which objects appear or disappear."""
 WENT_M = (2.0, 5.0)
-"""Radii of the cylinders that go."""
+"""Radii of the cylinders whose points disappear."""
 CAR_M = np.array([4.5, 1.8, 1.5])
 """Length, width and height of a car."""
 CAR_POINTS = 150
 CROWN_M = (1.0, 2.5)
 """Radii of the crowns of trees."""
 CROWN_HIGH_M = (3.0, 6.0)
-"""Heights of the middles of crowns."""
+"""Heights of the centres of crowns."""
 CROWN_POINTS = 200
 
 
 @dataclass(frozen=True)
 @checked("ageing")
 class Ageing:
-    """How much changes at most; each scan draws its own changes, evenly from 0 to these."""
+    """The largest changes; each scan draws its own, uniformly from 0 to these."""
 
     walls: int = 1
-    """New walls; what is behind them goes."""
+    """New walls; the points behind them are removed."""
     wedge_deg: NotNegative = 90.0
-    """Width of a wedge of directions in which all points go; one scan in two has such a wedge."""
+    """Width of a wedge of directions without points; every second scan has such a wedge."""
     cars: int = 10
-    """Parked cars that come."""
+    """New parked cars."""
     crowns: int = 2
-    """Crowns of trees that come."""
+    """New crowns of trees."""
     went: int = 3
-    """Things that go, such as a kiosk or a hedge: upright cylinders in which no point is left."""
+    """Removed objects, such as a kiosk or a hedge: upright cylinders without points."""
     above: Share = 0.3
-    """Share of the points above `above_m` that go, as when leaves fall."""
+    """Share of the points above `above_m` that are removed, as when leaves fall."""
     below: Share = 0.1
-    """Share of the points below `above_m` that go, as under snow, or with cars and people."""
+    """Share of the points below `above_m` that are removed: snow, cars and people."""
     above_m: NotNegative = 2.0
+    """Height that divides the points for `above` and `below`."""
     construction: Construction = field(default_factory=lambda: Construction(spacing_m=0.4))
+    """Draws the new walls."""
 
     def __post_init__(self) -> None:
         for name in ("walls", "cars", "crowns", "went"):
@@ -60,21 +63,21 @@ class Ageing:
                 )
 
     def aged(self, points_m: Points, rng: np.random.Generator) -> Points:
-        """The points (n, 3) of a scan as a later day would see them.
+        """The points (n, 3) of a scan as a later day might see them.
 
-        They are in metres in the sensor's frame, z up from the ground around it.
+        The points are in metres in the sensor's frame, z up from the ground around the sensor.
         """
-        # New walls, without what is behind them.
+        # New walls, without the points behind them.
         walls = self.construction.random_walls(int(rng.integers(0, self.walls + 1)), rng)
         for wall in walls:
             points_m = np.concatenate([points_m, wall.points(self.construction.spacing_m)])
         for wall in walls:
             points_m = points_m[~wall.hides(points_m, self.construction.sensor_height_m)]
-        # Things that go.
+        # Removed objects.
         for middle_m in _positions(rng, int(rng.integers(0, self.went + 1))):
             away_m = np.hypot(*(points_m[:, :2] - middle_m).T)
             points_m = points_m[away_m >= rng.uniform(*WENT_M)]
-        # Things that come.
+        # New cars and crowns.
         for largest_count, make_points in ((self.cars, _car), (self.crowns, _crown)):
             for middle_m in _positions(rng, int(rng.integers(0, largest_count + 1))):
                 points_m = np.concatenate([points_m, make_points(rng) + np.append(middle_m, 0.0)])
@@ -83,11 +86,13 @@ class Ageing:
         first_rad = rng.uniform(0, 2 * np.pi)
         bearing_rad = (np.arctan2(points_m[:, 1], points_m[:, 0]) - first_rad) % (2 * np.pi)
         points_m = points_m[bearing_rad >= width_rad]
-        # Leaves and snow.
-        return points_m[rng.random(len(points_m)) >= self._probability_to_go(points_m, rng)]
+        # Fallen leaves and snow.
+        return points_m[rng.random(len(points_m)) >= self._removal_probability(points_m, rng)]
 
-    def _probability_to_go(self, points_m: Points, rng: np.random.Generator) -> NDArray[np.float64]:
-        """The probability (n,) of each point to go, by its height."""
+    def _removal_probability(
+        self, points_m: Points, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """The probability (n,) that each point is removed, by its height."""
         above = rng.uniform(0, self.above)
         below = rng.uniform(0, self.below)
         return np.where(points_m[:, 2] > self.above_m, above, below)

@@ -1,12 +1,13 @@
-"""Slides: other poses, along the street or turned on the spot, that look right too (METHODS 9.4).
+"""Perceptual aliases: other poses, along the street or turned on the spot, that fit as well.
 
 Rows of houses, colonnades and avenues repeat themselves: a query can be registered a few houses
-farther on as well as where it is. A crossing with equal corners look similar in four directions.
+farther on as well as where it is. A crossing with equal corners looks the same in four directions
+(METHODS 9.4).
 
-In: a query's walls and a pose. Out: the poses elsewhere at which its walls fit best, and how much
-better they fit at the pose itself. To find them, the walls are scored at all offsets on the charts
-(walls drawn from above) of the submaps around: at the heading of the pose, and on the nearest
-submap at TURNS_DEG from that too.
+In: a query's walls and a pose. Out: the poses elsewhere at which the walls fit best, and the margin
+by which they fit better at the pose itself. To find the aliases, the walls are scored at all
+offsets on the charts (walls drawn from above) of the submaps around the pose: at the pose's
+heading, and on the nearest submap also at headings turned by TURNS_DEG.
 """
 
 from dataclasses import dataclass
@@ -20,37 +21,37 @@ from pipeline.posing.targets import APART_M, Targets
 from pipeline.posing.walls import Walls
 
 FAR_M = 40.0
-"""Slid copies are searched for in submaps up to this far from a pose."""
-SLID_M = 3.0
-"""A fit nearer than this to the pose is no copy, but the pose itself."""
+"""Aliases are searched for in the submaps nearer to the pose than this."""
+ALIAS_FROM_M = 3.0
+"""A fit nearer to the pose than this is not an alias, but the pose itself."""
 TURNS_DEG = (86.0, 90.0, 94.0, 176.0, 180.0, 184.0, 266.0, 270.0, 274.0)
-"""Further headings to try, relative to that of the pose: quarter turns, and a little off them."""
+"""Further headings to try, relative to the pose's: quarter turns, and 4° to each side of them."""
 WIDEST_MARGIN = 0.3
-"""Leads are cut off at plus and minus this: a larger one says no more."""
-COPIES = 3
-"""Largest number of aliases."""
+"""Margins are clipped to plus and minus this: a larger one is no stronger evidence."""
+MOST_ALIASES = 3
+"""Largest number of aliases of a pose."""
 
 
-class Copy(NamedTuple):
+class Alias(NamedTuple):
     """A pose elsewhere at which the walls of a query fit well."""
 
     score: float
-    """How well, as `Walls.scores` measures it."""
+    """How well the walls fit, as `Walls.scores` measures it."""
     row: int
-    """The training submap whose walls they fit."""
+    """The training submap whose walls the query's walls fit."""
     target_T_query: NDArray[np.float64]
     """(4, 4) the pose in that submap's frame."""
 
 
 @dataclass(frozen=True)
 class Aliases:
-    """The best fits of a query's walls elsewhere, and how far the pose leads them."""
+    """The aliases of a pose, and the margin of the pose over the best of them."""
 
     margin: float
-    """The score of the walls at the pose, less that of the best copy; 0 if there is no submap near
-    enough to say."""
-    copies: tuple[Copy, ...]
-    """The best copies, the best first, each at least APART_M from those before it."""
+    """The score of the walls at the pose, minus the score of the best alias, within
+    ±WIDEST_MARGIN; 0 if no submap is near enough to compute the scores."""
+    ranked: tuple[Alias, ...]
+    """The MOST_ALIASES best aliases, the best first, at least APART_M apart."""
 
 
 def aliases(
@@ -60,10 +61,10 @@ def aliases(
     world_T_query: NDArray[np.float64],
     left_out: NDArray[np.bool_],
 ) -> Aliases:
-    """Find the slide of a query at a pose (4, 4).
+    """Find the aliases of a query's pose (4, 4).
 
-    The query's walls are given by their `middles` (n, 2), see Walls.middles; training submaps
-    `left_out` (row,) are ignored.
+    The query's walls are given by their `middles` (n, 2), see Walls.middles. The training submaps
+    that are True in `left_out` (row,) are ignored.
     """
     # The submaps near the pose, the nearest first, and the pose in the frame of each.
     anchors_m = targets.world_T_anchor[:, :2, 3]
@@ -73,7 +74,7 @@ def aliases(
     targets_T_query = np.linalg.inv(targets.world_T_anchor[rows]) @ world_T_query
     headings_rad = yaw(targets_T_query)
 
-    # The distance (submap, x, y) of each offset that is scored from the pose, on each chart.
+    # The distance (submap, x, y) from the pose to each scored offset, on each chart.
     offsets_m = (np.arange(2 * walls.offset_cells + 1) - walls.offset_cells) * walls.cell_m
     x_m, y_m = targets_T_query[:, :2, 3].T[:, :, None, None]  # (submap, 1, 1) each
     distances_m = np.hypot(offsets_m[:, None] - x_m, offsets_m - y_m)
@@ -89,10 +90,10 @@ def aliases(
             turned_rad = heading_rad + np.deg2rad(turn_deg)
             scores = walls.scores(targets.chart(walls, row), middles, turned_rad)
             if not turn_deg:
-                # Offsets near the pose are the pose itself. Those between are neither.
-                near_scores = scores[distance_m < SLID_M / 2]
+                # Offsets near the pose are the pose itself; those up to ALIAS_FROM_M are neither.
+                near_scores = scores[distance_m < ALIAS_FROM_M / 2]
                 score_at_pose = max(score_at_pose, float(near_scores.max(initial=-np.inf)))
-                scores = np.where(distance_m >= SLID_M, scores, -np.inf)
+                scores = np.where(distance_m >= ALIAS_FROM_M, scores, -np.inf)
             i, j = np.unravel_index(scores.argmax(), scores.shape)
             fits.append(
                 _Fit(
@@ -104,13 +105,13 @@ def aliases(
                 )
             )
 
-    # The best of them, spaced out.
+    # The best fits, at least APART_M apart.
     fits = sorted((fit for fit in fits if np.isfinite(fit.score)), key=lambda fit: -fit.score)
     if not fits or not np.isfinite(score_at_pose):
         return Aliases(0.0, ())
     margin = float(np.clip(score_at_pose - fits[0].score, -WIDEST_MARGIN, WIDEST_MARGIN))
     world_xy_m = np.array([fit.world_xy_m(targets) for fit in fits])
-    return Aliases(margin, tuple(fits[i].copy() for i in _spaced(world_xy_m)[:COPIES]))
+    return Aliases(margin, tuple(fits[i].alias() for i in _spaced(world_xy_m)[:MOST_ALIASES]))
 
 
 class _Fit(NamedTuple):
@@ -128,15 +129,16 @@ class _Fit(NamedTuple):
         """The query's position (2,) in the world."""
         return np.asarray(targets.world_T_anchor[self.row] @ (self.x_m, self.y_m, 0.0, 1.0))[:2]
 
-    def copy(self) -> Copy:
-        """The fit as a pose."""
+    def alias(self) -> Alias:
+        """The fit as an alias."""
         xyz_m = np.array([[self.x_m, self.y_m, 0.0]])
         roll_pitch_yaw = np.array([[0.0, 0.0, self.heading_rad]])
-        return Copy(self.score, self.row, pose(xyz_m, roll_pitch_yaw)[0])
+        return Alias(self.score, self.row, pose(xyz_m, roll_pitch_yaw)[0])
 
 
 def _spaced(xy_m: NDArray[np.float64]) -> list[int]:
-    """The rows of positions (n, 2) to keep, in order: each at least APART_M from those before."""
+    """The rows of positions (n, 2) to keep, in order: each is APART_M or more from the rows kept
+    before it."""
     is_near = np.linalg.norm(xy_m[:, None] - xy_m, axis=2) < APART_M
     chosen: list[int] = []
     is_free = np.ones(len(xy_m), bool)

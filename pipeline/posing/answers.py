@@ -1,9 +1,9 @@
 """Answers with poses: rankings in which the registered poses come first (METHODS 9.6).
 
 In: a method's ranking of places for each query, and the poses that registration found for it. Out:
-a ranking of the same form, and the artifact `Fixes`. In it the registered poses are the first
-answers, and how new a query looks is the error probability in its pose. So everything that judges
-rankings judges poses.
+a ranking of the same form, and the artifact `Fixes`. In this ranking the registered poses are the
+first answers, and a query's novelty is the error probability of its pose. So the evaluation of
+rankings evaluates poses as well.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,34 +23,35 @@ from pipeline.matching.ranking import Ranking
 from pipeline.posing.verdict import CLAIMS, TARGET_PRECISIONS, AnyFix, Judge, Verdict
 
 OWN_KINDS = CLAIMS
-"""The kinds of novelty that poses add: the error probability in each claim, such as that the pose
-is right."""
+"""The kinds of novelty that poses add: the error probability of each claim, such as "the pose is
+right"."""
 MISSING_ANSWER = {"places": -1, "costs": np.inf, "xy_m": np.nan, "heading_deg": np.nan}
 """The values of a missing answer, column by column."""
 UNREGISTERED_COST = 1.0
-"""The least cost of the method's own answers. Registered poses cost less: one minus their
+"""The least cost of the method's own answers. A registered pose costs less: one minus its
 probability."""
 
 
 @dataclass(frozen=True)
 class PosedQuery:
-    """The poses that a query may have, the likeliest first, and the error probabilities in them."""
+    """The poses that a query may have, the likeliest first, and the error probability of each
+    claim about them."""
 
     world_T_query: Poses
     """(h, 4, 4) poses."""
     probabilities: NDArray[np.float64]
     """(h,) the probability that each pose is right."""
     covariance: NDArray[np.float64]
-    """(6, 6) covariance of the first pose: of a turn in radians and a step in metres, in the
-    query's frame."""
+    """(6, 6) covariance of the first pose: of a small turn in radians, then of a step in metres,
+    in the query's frame."""
     overlap: float
-    """Share of the query's points that the map has too, if the query stands at the first pose."""
+    """Share of the query's points that lie on the map if the query stands at the first pose."""
     error_probabilities: NDArray[np.float64]
-    """(claim,) one minus the probability of each of CLAIMS."""
+    """(claim,) one minus the probability of each claim, in the order of CLAIMS."""
 
     @classmethod
     def of(cls, fix: AnyFix, judge: Judge) -> Self:
-        """The poses of a fix, with the error probabilities of a judge."""
+        """The poses of a fix, with the error probabilities by a judge."""
         probabilities = np.array(fix.probabilities)
         return cls(
             fix.poses, probabilities, fix.covariance, fix.overlap, judge.error_probabilities(fix)
@@ -65,9 +66,9 @@ class PosedQuery:
 def posed(ranking: Ranking, queries: Sequence[PosedQuery], places: Places) -> Ranking:
     """The ranking with the registered poses first, as positions, headings and places.
 
-    The place of a pose is the cell that it lies in, −1 where training never went. The confidence
-    becomes the probability that the pose is right. Each place is answered once; if fewer than k
-    answers are left, the last ones are MISSING_ANSWER.
+    The place of a pose is its grid cell, −1 where training never went. The confidence becomes the
+    probability that the pose is right. Each place is answered once; if fewer than k answers are
+    left, the last ones are MISSING_ANSWER.
     """
     k = ranking.places.shape[1]
     answers = {
@@ -101,10 +102,10 @@ def posed(ranking: Ranking, queries: Sequence[PosedQuery], places: Places) -> Ra
 
 
 def put_first(answers: Mapping[str, NDArray[Any]], row: int, first: Mapping[str, Any]) -> None:
-    """Put the answers `first`, likeliest first, before the k answers of a row, in place.
+    """Put the answers `first`, the likeliest first, before the k answers of a row, in place.
 
-    Each place stays in once, where it comes first. If fewer than k answers are left, the last ones
-    are MISSING_ANSWER.
+    A place that is named twice keeps its first position only. If fewer than k answers are left,
+    the last ones are MISSING_ANSWER.
     """
     all_answers = {
         name: np.concatenate([first[name], answers[name][row]]) for name in MISSING_ANSWER
@@ -119,7 +120,7 @@ def put_first(answers: Mapping[str, NDArray[Any]], row: int, first: Mapping[str,
 
 @dataclass(frozen=True)
 class Posing:
-    """Writes the rankings of one model again, with poses."""
+    """Adds poses to the rankings of one model, and writes them as the artifact `Fixes`."""
 
     verdict: Verdict
     right_within: tuple[float, float]
@@ -139,7 +140,7 @@ class Posing:
     def write(self, path: Path, rankings: Rankings, queries: Sequence[PosedQuery]) -> str:
         """Write the ranking with the poses of its queries (q,), in all its cases, to a path.
 
-        Returns a summary of one line.
+        Returns a one-line summary.
         """
         answered = posed(rankings.ranking(), queries, self.places)
         precision_number = TARGET_PRECISIONS.index(self.target_precision)
@@ -171,17 +172,19 @@ class Posing:
         queries: Sequence[PosedQuery],
         precision_number: int,
     ) -> str:
-        """How many queries have a pose, and for how many each claim is accepted, in a line.
+        """A line on how many queries have a pose, and for how many each claim is accepted.
 
-        Claims are accepted at the target precision, or at the highest one below that can be
-        reached.
+        Claims are accepted at the target precision or, if that cannot be reached, at the highest
+        one below it that can be.
         """
         pose_count = sum(len(query.world_T_query) > 0 for query in queries)
         met_precisions = [
             i for i in range(precision_number + 1) if self.verdict.claim_thresholds["fix"][i] > 0
         ]
         if not met_precisions:
-            return f"{pose_count} poses of {len(queries)} queries; no target precision can be kept"
+            return (
+                f"{pose_count} poses of {len(queries)} queries; no target precision can be reached"
+            )
         number = met_precisions[-1]
         claim_thresholds = [self.verdict.claim_thresholds[claim][number] for claim in CLAIMS]
         is_accepted = (
@@ -190,11 +193,8 @@ class Posing:
         # Each query counts for its strongest accepted claim alone; −1 has none.
         strongest = np.where(is_accepted.any(axis=1), is_accepted.argmax(axis=1), -1)
         accepted, near, ambiguous = (int((strongest == i).sum()) for i in range(len(CLAIMS)))
-        claims = (
-            f"{accepted} are accepted, {near} more are near, {ambiguous} more are one of several"
-        )
         return (
-            f"{pose_count} poses of {len(queries)} queries; with a target precision of "
-            f"{TARGET_PRECISIONS[number]} "
-            f"{claims}"
+            f"{pose_count} poses of {len(queries)} queries; at a target precision of "
+            f"{TARGET_PRECISIONS[number]} {accepted} are accepted, {near} more are near, "
+            f"{ambiguous} more are one of several"
         )

@@ -2,8 +2,8 @@
 
 In: a map, and scans of a later day with their poses. Out: the submaps that have changed, each with
 the scan that may replace it. A wall was torn down if a later scan sees through it, and built if a
-later scan has it where the map saw through. At least two scans must contradict a submap, since a
-parked lorry hides a wall from one position only.
+later scan meets a wall where the map's scan saw through. At least two scans must contradict a
+submap, since a parked lorry hides a wall from one position only.
 """
 
 from collections.abc import Sequence
@@ -19,21 +19,21 @@ from pipeline.posing.targets import Targets
 from pipeline.posing.walls import SEEN_THROUGH, Chart, Walls
 
 NEAR_M = 5.0
-"""Scans nearer to a submap's anchor than this can contradict it."""
+"""Only scans nearer to a submap's anchor than this can contradict the submap."""
 AGREEING = 2
 """Least number of scans that must contradict a submap."""
 USUAL_QUANTILE = 0.99
-"""A contradiction counts if it is larger than this share of those between submaps of one day: there
-nothing has changed."""
+"""A contradiction counts if it exceeds this quantile of the contradictions between submaps of one
+day, between which nothing has changed."""
 
 
 def contradicted(
     targets: Targets, walls: Walls, scans: Sequence[Points], world_T_scan: Poses, usual_share: float
 ) -> dict[int, int]:
-    """Map each submap that scans (n,) contradict to the scan nearest to it.
+    """Return the submaps that the scans (n,) contradict, each with the scan nearest to it.
 
-    At least AGREEING scans must contradict it by more than `usual_share`, which is what
-    `usual_contradiction` returns. Scans are points (m, 3) in their own frames.
+    A submap is contradicted if AGREEING or more scans contradict it by more than `usual_share`, the
+    result of `usual_contradiction`. Scans are points (m, 3) in their own frames.
     """
     tree = KDTree(world_T_scan[:, :2, 3])
     scan_walls_m = [walls.of(points_m) for points_m in scans]
@@ -57,10 +57,9 @@ def contradicted(
 
 
 def usual_contradiction(targets: Targets, walls: Walls) -> float:
-    """The contradiction that USUAL_QUANTILE of the pairs of neighbouring submaps of a map stay
-    below.
+    """The USUAL_QUANTILE of the contradictions between neighbouring submaps of a map.
 
-    It is 1 if there is no such pair.
+    It is 1 if no two submaps are neighbours.
     """
     tree = KDTree(targets.world_T_anchor[:, :2, 3])
     shares = []
@@ -73,11 +72,12 @@ def usual_contradiction(targets: Targets, walls: Walls) -> float:
 
 
 class WallsFromAbove(NamedTuple):
-    """The walls of a submap or scan, as points and drawn from above."""
+    """The walls of a submap or scan: as points, and drawn from above."""
 
     chart: Chart
+    """The walls drawn from above."""
     walls_m: Points
-    """(n, 3) points of walls in the submap's frame."""
+    """(n, 3) points of walls in the frame of the submap or scan."""
 
 
 def _from_above(targets: Targets, walls: Walls, row: int) -> WallsFromAbove:
@@ -90,7 +90,8 @@ def contradiction(
 ) -> float:
     """The share of walls that one of two submaps has and the other saw through.
 
-    There is one such share for the walls torn down and one for those built: the larger counts.
+    It is the larger of two shares: of the old walls that were torn down, and of the new walls that
+    were built.
     """
     new_T_old = np.asarray(np.linalg.inv(old_T_new))
     torn_down = _seen_through(walls, new.chart, transformed(new_T_old, old.walls_m))

@@ -1,9 +1,9 @@
 """Expectations: the features that right fixes have, place by place (METHODS 9.5).
 
-A feature is a number that speaks for a pose, such as its overlap with the map
-(`probabilities.FEATURES`). Among houses a right pose overlaps more, and its position is more
-certain, than on an open field. So before a pose is judged, its features are lowered by as much as
-those of right fixes around it, on the training day, exceed the usual.
+A feature is a number that is evidence for a pose, such as its overlap with the map
+(`probabilities.FEATURES`). Among houses a right pose overlaps more with the map, and its position
+is more certain, than on an open field. So before a pose is judged, its features are lowered by the
+amount by which right fixes near it, on the training day, exceed that day's medians.
 """
 
 from collections.abc import Mapping
@@ -17,19 +17,18 @@ from numpy.typing import NDArray
 from pipeline.posing.probabilities import FEATURES
 
 AROUND_M = 15.0
-"""Right fixes nearer to a pose than this say what to expect there."""
+"""The features of right fixes nearer to a pose than this are expected at the pose."""
 FEWEST = 3
-"""If fewer right fixes are so near, the usual features of the day are expected."""
+"""If fewer right fixes are within AROUND_M, the day's median features are expected."""
 POSITIONS = "expected_xy_m"
-"""The name of `xy_m` in a site file."""
+"""The name of the array `xy_m` in a site file."""
 FEATURE_ROWS = "expected_features"
-"""The name of `features` in a site file."""
+"""The name of the array `features` in a site file."""
 
 
 @dataclass(frozen=True)
 class Expectations:
-    """The features of right fixes on validation blocks of training, and the positions of these
-    fixes."""
+    """The positions and features of the right fixes on the validation blocks of training."""
 
     xy_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
     """(fix, 2) positions in the world's frame."""
@@ -38,10 +37,10 @@ class Expectations:
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Self:
-        """The expectations in a site file, from its arrays.
+        """The expectations in the arrays of a site file.
 
-        Raises KeyError if one is missing, ValueError if they do not fit together or a number is not
-        finite.
+        Raises KeyError for a missing array, and ValueError for shapes that do not fit together or
+        a number that is not finite.
         """
         xy_m = arrays[POSITIONS]
         features = arrays[FEATURE_ROWS]
@@ -56,9 +55,9 @@ class Expectations:
         return {POSITIONS: self.xy_m, FEATURE_ROWS: self.features}
 
     def excess(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How far the features (feature,) of right fixes around a position (2,) exceed the usual.
+        """How far the features (feature,) of right fixes around a position (2,) exceed the day's.
 
-        It is the difference of their medians; 0 if fewer than FEWEST lie within AROUND_M.
+        It is the difference of the two medians; 0 if fewer than FEWEST fixes lie within AROUND_M.
         """
         is_around = np.linalg.norm(self.xy_m - xy_m, axis=1) < AROUND_M
         if is_around.sum() < FEWEST:

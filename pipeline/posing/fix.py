@@ -1,9 +1,9 @@
 """Fixes: the poses that a query may have, likeliest first, with their probabilities (METHODS 9.5).
 
-In: hypotheses, each a pose from one registration with all that speaks for and against it. Out: a
-fix: hypotheses at the same pose are merged, and the rest ordered by the probability that they are
-right. The `search` makes hypotheses, a `verdict` judges fixes: those of 3-D scans (`ScanFix`) and
-of level sweeps (pipeline/level/fix.py) similar, which are `Registered`.
+In: hypotheses, each a pose from one registration with the evidence for and against it. Out: a fix:
+of hypotheses at the same pose the best one is kept, and these are ordered by the probability that
+they are right. `search` makes hypotheses, `verdict` judges fixes. The fixes of 3-D scans
+(`ScanFix`) and of level sweeps (pipeline/level/fix.py) have one base class, `Registered`.
 """
 
 from abc import ABC, abstractmethod
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.frames import Poses, distance_and_turn
 from pipeline.posing.aliases import Aliases
-from pipeline.posing.probabilities import FEATURES, USUAL, Probabilities
+from pipeline.posing.probabilities import FEATURES, USUAL, HypothesisModel
 from pipeline.posing.registration import Alignment
 from pipeline.posing.verification import Agreement
 
@@ -24,14 +24,14 @@ ELSEWHERE_M = 5.0
 """Poses at least this far apart count as different places."""
 SAME_M = 2.0
 SAME_DEG = 5.0
-"""Two hypotheses whose poses differ by less than both of these are one."""
+"""Two hypotheses whose poses differ by less than both of these are at the same pose."""
 LEAST_SPREAD_M = 1e-4
 MOST_TILT_DEG = 10.0
 """Bounds at which the features `surety` and `upright` are cut off."""
 
 
 class Possible(Protocol):
-    """A pose that a query may have."""
+    """A pose that a query may have, from a 3-D scan or from level sweeps."""
 
     @property
     def world_T_query(self) -> NDArray[np.float64]:
@@ -39,11 +39,12 @@ class Possible(Protocol):
 
     @property
     def pose_covariance(self) -> NDArray[np.float64]:
-        """(6, 6) of a turn in radians and a step in metres, in the query's frame."""
+        """(6, 6) covariance of a small turn in radians, then of a step in metres, in the query's
+        frame."""
 
     @property
     def overlap(self) -> float:
-        """The share of the query that the map has too."""
+        """The share of the query that lies on the map."""
 
 
 PossibleT = TypeVar("PossibleT", bound=Possible)
@@ -53,17 +54,18 @@ PossibleT = TypeVar("PossibleT", bound=Possible)
 class Registered(ABC, Generic[PossibleT]):
     """The hypotheses of a query, all at different poses, the likeliest first.
 
-    It has none if the query has too few points, or no registration succeeded.
+    There is no hypothesis if the query has too few points, or if no registration succeeded.
     """
 
     hypotheses: tuple[PossibleT, ...] = ()
     probabilities: tuple[float, ...] = ()
-    """The probability that each is right; they add up to 1 with the probability that none is."""
+    """(n,) the probability that each hypothesis is right. At most one of them is, so the
+    probabilities and that of "none is right" add up to 1."""
 
     @property
     @abstractmethod
     def features(self) -> NDArray[np.float64]:
-        """(n, feature) what speaks for each hypothesis."""
+        """(n, feature) the features of each hypothesis."""
 
     @property
     @abstractmethod
@@ -71,8 +73,8 @@ class Registered(ABC, Generic[PossibleT]):
         """The indices of the runners-up at other places, the likeliest first."""
 
     @abstractmethod
-    def ordered(self, probabilities: Probabilities) -> Self:
-        """The same hypotheses in the order of other probabilities."""
+    def ordered(self, model: HypothesisModel) -> Self:
+        """The same hypotheses, with the probabilities of another model and in their order."""
 
     @property
     def poses(self) -> Poses:
@@ -96,33 +98,33 @@ class Registered(ABC, Generic[PossibleT]):
 
     @property
     def probability(self) -> float:
-        """The probability that the best hypothesis is right; 0 without one."""
+        """The probability that the likeliest pose is right; 0 without one."""
         return self.probabilities[0] if self.probabilities else 0.0
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A pose that a query may have, with all that speaks for and against it."""
+    """A pose that a query may have, with the evidence for and against it."""
 
     row: int
-    """The training submap that it was registered against."""
+    """The training submap that the query was registered against."""
     world_T_query: NDArray[np.float64]
     """(4, 4) the pose."""
     alignment: Alignment
-    """The alignment with that submap."""
+    """The alignment with this submap."""
     here: Agreement
-    """The agreement with that submap."""
+    """The agreement with this submap."""
     beside: Agreement
-    """The agreement with another submap near the pose, which it was not registered against; `here`
-    if there is no such submap."""
+    """The agreement with another submap near the pose; the same as `here` if there is none."""
     tilt_deg: float
     """Angle between the query's and the submap's upward axes."""
     aliases: Aliases
-    """The poses elsewhere along the street at which the query's walls fit best."""
+    """The poses elsewhere at which the query's walls fit best, and the margin over them."""
     approach_overlap: float = 1.0
     """The overlap after the rough registration (`Approach`) that this pose was refined from."""
     excess: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(FEATURES)))
-    """(feature,) how far the features of right fixes around it exceed the usual (Expectations)."""
+    """(feature,) how far the features of right fixes near this pose exceed the day's medians
+    (`Expectations.excess`)."""
 
     @property
     def pose_covariance(self) -> NDArray[np.float64]:
@@ -136,15 +138,15 @@ class Hypothesis:
 
     @property
     def quality(self) -> float:
-        """The mean product of both agreements, by which hypotheses of one query are compared."""
+        """The mean of the agreements' products, by which the hypotheses of a query are compared."""
         return (self.here.product + self.beside.product) / 2
 
     @property
     def features(self) -> NDArray[np.float64]:
-        """The features (feature,) in the order of probabilities.FEATURES, less `excess`.
+        """The features (feature,) in the order of probabilities.FEATURES, minus `excess`.
 
-        The last one, `ahead`, is left at 0: it compares all hypotheses of the query (`features`
-        below).
+        The last feature, `ahead`, is 0 here: the function `features` below fills it in, since it
+        compares all hypotheses of the query.
         """
         overlap = (self.here.overlap + self.beside.overlap) / 2
         seen_again = (self.here.seen_again + self.beside.seen_again) / 2
@@ -159,22 +161,22 @@ class ScanFix(Registered[Hypothesis]):
     """The hypotheses of a 3-D scan."""
 
     @classmethod
-    def of(cls, hypotheses: Sequence[Hypothesis], probabilities: Probabilities = USUAL) -> Self:
-        """Build a fix from hypotheses in any order.
+    def of(cls, hypotheses: Sequence[Hypothesis], model: HypothesisModel = USUAL) -> Self:
+        """Build a fix from hypotheses in any order, with the probabilities of a model.
 
-        Of hypotheses at the same pose the one of the highest quality stays.
+        Of the hypotheses at one pose, the one of the highest quality is kept.
         """
         distinct: list[Hypothesis] = []
         for hypothesis in sorted(hypotheses, key=lambda hypothesis: -hypothesis.quality):
             if not is_same_pose(hypothesis, distinct).any():
                 distinct.append(hypothesis)
-        shares = probabilities.of(features(distinct))
-        order = np.argsort(-shares, kind="stable").tolist()
-        return cls(tuple(distinct[i] for i in order), tuple(float(shares[i]) for i in order))
+        probabilities = model.probabilities(features(distinct))
+        order = np.argsort(-probabilities, kind="stable").tolist()
+        return cls(tuple(distinct[i] for i in order), tuple(float(probabilities[i]) for i in order))
 
-    def ordered(self, probabilities: Probabilities) -> Self:
-        """The same hypotheses in the order of other probabilities."""
-        return self.of(self.hypotheses, probabilities)
+    def ordered(self, model: HypothesisModel) -> Self:
+        """The same hypotheses, with the probabilities of another model and in their order."""
+        return self.of(self.hypotheses, model)
 
     @property
     def features(self) -> NDArray[np.float64]:
@@ -185,7 +187,7 @@ class ScanFix(Registered[Hypothesis]):
     def elsewhere(self) -> list[int]:
         """The indices of the runners-up at other places, the likeliest first.
 
-        Each is at least ELSEWHERE_M from the best hypothesis and from the ones listed before it.
+        Each is at least ELSEWHERE_M from the likeliest hypothesis and from those listed before it.
         """
         chosen: list[int] = []
         chosen_xy_m = np.empty((0, 2))
@@ -203,7 +205,7 @@ def features(hypotheses: Sequence[Hypothesis]) -> NDArray[np.float64]:
         -1, len(FEATURES)
     )
     quality = np.array([hypothesis.quality for hypothesis in hypotheses])
-    if len(quality) > 1:  # a single hypothesis is ahead of none
+    if len(quality) > 1:  # a single hypothesis has no runner-up
         is_itself = np.eye(len(quality), dtype=bool)
         other_qualities = np.where(is_itself, -np.inf, quality)
         # The last feature is `ahead`.
@@ -212,7 +214,7 @@ def features(hypotheses: Sequence[Hypothesis]) -> NDArray[np.float64]:
 
 
 def is_same_pose(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> NDArray[np.bool_]:
-    """Which of n other hypotheses (n,) have the same pose, within SAME_M and SAME_DEG."""
+    """Which of n other hypotheses (n,) are at the same pose, within SAME_M and SAME_DEG."""
     world_T_query = np.broadcast_to(hypothesis.world_T_query, (len(others), 4, 4))
     away_m, turn_deg = distance_and_turn(_poses(others), world_T_query)
     return np.asarray((away_m < SAME_M) & (turn_deg < SAME_DEG))

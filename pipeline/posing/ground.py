@@ -1,12 +1,12 @@
-"""Ground: how high points are above it, on slopes too, so that a hillside is no wall (METHODS 9.2).
+"""Heights of points above the ground, on slopes too: a hillside is no wall (METHODS 9.2).
 
-In: the points of a scan. Out: the height of each above the ground. The steps, much as by
+In: the points of a scan. Out: the height of each point above the ground. The steps follow
 Himmelsbach et al., IV 2010:
 
-1. Divide the plane around the sensor into SECTORS directions, and each of these into pieces.
-2. The lowest point of each piece may be ground.
-3. In each direction, follow the ground outwards: a piece is ground if it is no steeper than ground
-   is, else the ground goes on at the height of the last piece that was.
+1. Divide the plane around the sensor into SECTORS directions, and each direction into pieces.
+2. Take the lowest point of each piece as a candidate for the ground.
+3. In each direction, follow the ground outwards. A piece is ground if it is no steeper than SLOPE
+   allows; otherwise the ground continues at the height of the last piece that was ground.
 """
 
 import numpy as np
@@ -22,15 +22,15 @@ SLOPE = 0.15
 ROUGH_M = 0.3
 """On top of SLOPE, a piece of ground may be this much higher or lower."""
 LEAP_M = 1.0
-"""A piece of ground is at most this much higher or lower, however far away the last one is."""
+"""A piece of ground is at most this much higher or lower, however far away the last piece is."""
 FAR_M = 200.0
-"""Ground is followed this far; points beyond belong to the last piece."""
+"""The ground is followed up to this range; points beyond belong to the last piece."""
 
 
 def heights_m(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The height (n,) of points (n, 3) above the ground, which is at z = 0 at the sensor.
+    """The height (n,) in metres of points (n, 3) above the ground, which is at z = 0 at the sensor.
 
-    NaN for a point that is not finite.
+    It is NaN for a point that is not finite.
     """
     heights: NDArray[np.float64] = _heights(np.asarray(points_m, np.float64))
     return heights

@@ -1,6 +1,7 @@
-"""What validation blocks of the training day teach: the verdict, and what the search takes from it.
+"""The results of the validation blocks of a training day: the verdict, and settings of the search.
 
-The stage `poses` writes it as an artifact, `yearloc pack` reads that: blocks are registered once.
+The stage `poses` writes them as an artifact, and `yearloc pack` reads it, so that the blocks are
+registered only once.
 """
 
 import json
@@ -14,7 +15,7 @@ import numpy as np
 from pipeline.core import store
 from pipeline.core.schemas import Verdicts
 from pipeline.posing.expectations import Expectations
-from pipeline.posing.probabilities import Probabilities
+from pipeline.posing.probabilities import HypothesisModel
 from pipeline.posing.search import Fixer
 from pipeline.posing.verdict import CLAIMS, FixEvidence, Judge, Verdict
 
@@ -24,24 +25,24 @@ VERDICT = "verdict"
 
 @dataclass(frozen=True)
 class Learned:
-    """The verdict of a training day, and what the search takes from validation blocks."""
+    """The verdict of a training day, and the settings of the search learned from its blocks."""
 
     verdict: Verdict
     fix_count: int
-    """How many fixes of validation queries it was learned from."""
+    """The number of validation fixes that the verdict was learned from."""
     least_overlap: float = 0.0
-    """The overlap from which on an approach is refined."""
+    """Approaches with at least this overlap are refined (Fixer.least_overlap)."""
     expectations: Expectations = field(default_factory=Expectations)
     """The features of right fixes, place by place."""
 
     @classmethod
     def of(cls, evidence: FixEvidence[Any], verdict: Verdict) -> Self:
-        """What the evidence teaches besides its verdict."""
+        """A verdict, with what the search learns from its evidence."""
         return cls(verdict, len(evidence.fixes), evidence.least_overlap, evidence.expectations)
 
     @classmethod
     def read(cls, path: Path | None, basis: str) -> Self | None:
-        """Read an artifact; None if there is none, or it was learned with another basis."""
+        """Read the artifact at a path; None if there is none, or if its basis is another."""
         if path is None or not path.is_dir():
             return None
         artifact = store.read(path, Verdicts)
@@ -53,8 +54,8 @@ class Learned:
             artifact.several_thresholds,
         )
         verdict = Verdict(
-            Probabilities(tuple(artifact.load("pose_weights").tolist()), artifact.pose_offset),
-            Probabilities(tuple(artifact.load("place_weights").tolist()), artifact.place_offset),
+            HypothesisModel(tuple(artifact.load("pose_weights").tolist()), artifact.pose_offset),
+            HypothesisModel(tuple(artifact.load("place_weights").tolist()), artifact.place_offset),
             artifact.target_precisions,
             dict(zip(CLAIMS, thresholds, strict=True)),
             artifact.validation,
@@ -66,7 +67,7 @@ class Learned:
         return cls(verdict, artifact.fix_count, artifact.least_overlap, expectations)
 
     def write(self, path: Path, basis: str) -> None:
-        """Write the artifact; `basis` says what it was learned with."""
+        """Write the artifact; `basis` describes what it was learned with (see `basis` below)."""
         verdict = self.verdict
         artifact = Verdicts(
             pose_weights=np.array(verdict.pose.weights),
@@ -88,10 +89,10 @@ class Learned:
         store.write(path, artifact)
 
     def tuned(self, fixer: Fixer) -> Fixer:
-        """The search with what it takes from the validation blocks."""
+        """The search with the settings learned from the validation blocks."""
         return replace(
             fixer,
-            probabilities=self.verdict.pose,
+            model=self.verdict.pose,
             least_overlap=self.least_overlap,
             expectations=self.expectations,
         )
@@ -103,6 +104,6 @@ class Learned:
 
 
 def basis(content: bytes, **settings: Any) -> str:
-    """What a verdict was learned with, as JSON: the digest of a model or map, and settings."""
+    """The basis of a verdict, as JSON: the digest of the model or map, and the settings."""
     digest = sha256(content).hexdigest()
     return json.dumps({"digest": digest, **settings}, sort_keys=True)

@@ -1,11 +1,10 @@
-"""Probabilities: how likely each of a query's possible poses is right, by its features (METHODS
-9.5).
+"""Probabilities: how likely each hypothesis of a query is right, by its features (METHODS 9.5).
 
-In: for each hypothesis, a possible pose, numbers that speak for it: its FEATURES. Out: the
-probability that it is right. At most one hypothesis of a query is right, so their probabilities are
-shares of 1, by McFadden's conditional logit: exp(s) / (1 + Σ exp(s)), where s is a score linear in
-the features, and the 1 stands for "none of them". So two poses that look similar share one
-probability. `learned` fits the weights of the features to queries whose true poses are known.
+In: the FEATURES of each hypothesis (a pose that the query may have). Out: the probability that the
+hypothesis is right. At most one hypothesis of a query is right, so the probabilities come from
+McFadden's conditional logit: exp(s) / (1 + Σ exp(s)), where s is a score linear in the features,
+and the 1 stands for "none is right". So two poses that look equally good share the probability.
+`learned` fits the weights of the features to queries whose true poses are known.
 """
 
 from collections.abc import Sequence
@@ -15,28 +14,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 FEATURES = ("overlap", "seen_again", "surety", "upright", "margin", "ahead")
-"""What speaks for a hypothesis; more of any of them is never worse.
+"""The features of a hypothesis; a larger value never lowers its probability.
 
-- overlap, seen_again: shares of what the query and the map have in common (`Agreement`), as means
-  over the submap that the hypothesis was registered against and another one near it;
+- overlap, seen_again: the shares of walls that the query and the map have in common (`Agreement`),
+  each a mean over the submap that the query was registered against and another submap near it;
 - surety: −log₁₀ of the spread of the position in metres;
-- upright: 0 if it is not tilted against the submap, −1 if by 10° or more;
-- lead: how much better its walls fit than elsewhere along the street (`Aliases`);
-- ahead: how much higher its quality is than that of the query's best other hypothesis, negative if
-  it is lower; 0 if there is no other.
+- upright: 0 if the pose is not tilted against the submap, −1 if it is tilted by 10° or more;
+- margin: how much better the walls fit at the pose than at its best perceptual alias (`Aliases`);
+- ahead: the hypothesis's quality minus that of the query's best other hypothesis; 0 if there is no
+  other.
 """
 SCALES = np.array([0.12, 0.25, 0.2, 0.15, 0.12, 0.15])
-"""A usual difference of each feature: weights are learned as if the features were divided by
-these."""
+"""A typical difference of each feature; weights are learned for features divided by these."""
 PRIOR_SD = 0.5
-"""Standard deviation of the prior: of the weights of scaled features around those that learning
-starts from."""
+"""Standard deviation of the normal prior on the weights of the scaled features, whose mean is the
+weights that learning starts from."""
 
 
 @dataclass(frozen=True)
-class Probabilities:
-    """A model of the probability that each hypothesis of a query is right, linear in its
-    features."""
+class HypothesisModel:
+    """A conditional logit: the probability that each hypothesis of a query is right."""
 
     weights: tuple[float, ...]
     """(feature,) the weight of each feature, none below 0."""
@@ -46,25 +43,24 @@ class Probabilities:
     def scores(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         """The score (n,) of each hypothesis of one query, from its features (n, feature).
 
-        It is the logarithm of the odds that this one is right, rather than none.
+        A score is the log-odds that this hypothesis is right against none being right.
         """
         return np.asarray(features @ np.array(self.weights) + self.offset)
 
-    def shares(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The probability (n + 1,) of each hypothesis of one query; the last is that none is
-        right."""
+    def probabilities_and_none(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The probabilities (n + 1,) that each hypothesis is right, and last that none is."""
         scores = np.append(self.scores(features), 0.0)
         return np.asarray(np.exp(scores - np.logaddexp.reduce(scores)))
 
-    def of(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The probability (n,) of each hypothesis of one query."""
-        return self.shares(features)[:-1]
+    def probabilities(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The probability (n,) of each hypothesis of one query, from its features (n, feature)."""
+        return self.probabilities_and_none(features)[:-1]
 
 
-USUAL = Probabilities((9.9, 6.9, 7.9, 5.0, 13.9, 7.5), -21.8)
-"""The model that a site starts from; `learned` moves it by the site's own evidence.
+USUAL = HypothesisModel((9.9, 6.9, 7.9, 5.0, 13.9, 7.5), -21.8)
+"""The model that every site starts from; `learned` adjusts it to the site's own evidence.
 
-It was learned from later days of two simulated campuses, seeds 2 and 5
+It was learned from the later days of two simulated campuses, seeds 2 and 5
 (`python -m benchmarks.usual`).
 """
 
@@ -73,15 +69,15 @@ def learned(
     features: Sequence[NDArray[np.float64]],
     right: Sequence[NDArray[np.bool_]],
     weight: NDArray[np.float64],
-    start: Probabilities = USUAL,
+    start: HypothesisModel = USUAL,
     scales: NDArray[np.float64] = SCALES,
-) -> Probabilities:
-    """Fit the weights and the offset to q queries whose right hypotheses are known.
+) -> HypothesisModel:
+    """Fit a model to q queries whose right hypotheses are known.
 
-    `features` has for each query the features (n, feature) of its n hypotheses, `right` (n,) which
-    of these are right, `weight` (q,) how often the query counts. The result is the most probable
-    model, with a normal prior around the weights of `start` (PRIOR_SD) for features divided by
-    `scales` (feature,). Without any query it is `start`.
+    For each query `features` holds the features (n, feature) of its n hypotheses, `right` which of
+    them (n,) are right, and `weight` (q,) how often the query counts. The result is the maximum a
+    posteriori model, with a normal prior around the weights of `start` (PRIOR_SD) for features
+    divided by `scales` (feature,). Without any query it is `start`.
     """
     from scipy.optimize import minimize  # imported here, since a robot does not learn
 
@@ -104,8 +100,8 @@ def learned(
     def loss(weights: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
         """The loss of scaled weights and the offset (feature + 1,), with its gradient.
 
-        It is −Σ weight · log(probability of what is true) + Σ (w − prior)² / (2 PRIOR_SD²). What is
-        true is one of the right hypotheses, or if a query has none, that none is right.
+        It is −Σ weight · log(probability of the truth) + Σ (w − prior)² / (2 PRIOR_SD²). The truth
+        is that one of the right hypotheses is right or, if a query has no right one, that none is.
         """
         scores = np.where(is_present, scaled @ weights[:-1] + weights[-1], -np.inf)
         log_sum = np.logaddexp.reduce(np.column_stack([np.zeros(query_count), scores]), axis=1)
@@ -113,8 +109,8 @@ def learned(
         right_probabilities = np.where(is_right, probabilities, 0.0)
         total = np.maximum(right_probabilities.sum(axis=1), 1e-300)  # its logarithm stays finite
         log_likelihood = np.where(has_right, np.log(total), -log_sum)
-        # The derivative (q, n) by each score: its probability, less its share of the right ones'
-        # probability.
+        # The derivative (q, n) by each score: the hypothesis's probability, minus its share of the
+        # probability of all right hypotheses.
         score_slopes = weight[:, None] * (probabilities - right_probabilities / total[:, None])
         pull = (weights - prior)[:-1] / PRIOR_SD**2  # the prior's derivative
         weight_slopes = np.einsum("qn,qns->s", score_slopes, scaled) + pull
@@ -123,4 +119,4 @@ def learned(
 
     bounds = [(0.0, None)] * len(scales) + [(None, None)]
     best = minimize(loss, prior, jac=True, bounds=bounds, method="L-BFGS-B").x
-    return Probabilities(tuple(map(float, best[:-1] / scales)), float(best[-1]))
+    return HypothesisModel(tuple(map(float, best[:-1] / scales)), float(best[-1]))

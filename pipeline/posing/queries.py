@@ -1,7 +1,7 @@
 """Queries: finds the poses of a test sequence's submaps, for the stage `poses` (METHODS 9.4).
 
-In: the scans and submaps of the sequence, one or several rankings that name candidate places for
-each, and a map. Out: a `ScanFix` for each query in each case: unperturbed, and perturbed.
+In: the scans and submaps of the sequence, one or more rankings of candidate places for each submap,
+and a map. Out: a `ScanFix` for each query in each case: unperturbed, then perturbed.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ class Candidates(NamedTuple):
     xy_m: NDArray[np.float64]
     """(query, candidate, 2) positions; NaN for an answer without a position."""
     heading_deg: NDArray[np.float64]
-    """(query, candidate) heading of the query if it is there; NaN if it is not known."""
+    """(query, candidate) heading of the query if it is at this place; NaN if it is unknown."""
 
 
 @dataclass(frozen=True)
@@ -40,15 +40,16 @@ class Queries:
     scans: str
     submaps: str
     rankings: Sequence[str]
-    """The folder of the method's own ranking, then of others, whose places are candidates too."""
+    """The folder of the method's own ranking, then of other methods' rankings, whose places are
+    candidates too."""
     perturbations: Sequence[Perturbation] = ()
     """The perturbations that made the perturbed cases of the rankings."""
 
     def fixes(self, fixer: Fixer, map_path: Path, k: int) -> list[ScanFix]:
         """Fix each query in each case of the rankings, case by case.
 
-        The candidates are the first `k` places of each ranking. Raises InputError if a ranking is
-        not of these submaps in these cases, or if no perturbation makes a case of it.
+        The candidates are the first `k` places of each ranking. Raises InputError for a ranking
+        that has not these submaps in these cases, and for a case that no perturbation makes.
         """
         targets = Targets.read(map_path)
         scans = self._read(self.scans, schemas.Scans)

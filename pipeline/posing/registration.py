@@ -1,8 +1,8 @@
 """Registration: aligns one cloud with another from a first guess (generalised ICP; METHODS 9.3).
 
-In: the points of a target (a training submap) and of a source (a query), and a guess of where the
-source is in the target's frame. Out: the source's pose there, how much of it overlaps with the
-target, and the covariance of the pose. The steps:
+In: the points of a target (a training submap) and of a source (a query), and a guess of the
+source's pose in the target's frame. Out: the refined pose, its covariance, and how much of the
+source overlaps with the target. The steps:
 
 1. `prepare`: thin both clouds to one point a voxel.
 2. `approach`: from metres away, align few points with wide cells of the target.
@@ -24,13 +24,13 @@ from pipeline.core.settings import Count, Positive, checked
 Points = NDArray[np.float64]
 """(n, 3) in metres."""
 LEAST_ALONG = 0.005
-"""Least mean square of the surface normals along any direction: below, nothing holds the clouds in
-that direction. The noisy normals of a bare plane have less."""
+"""Least mean square of the surface normals along any direction. Below it, no surface constrains the
+pose in this direction: the noisy normals of a bare plane have less."""
 NEAR_ENOUGH_M = 0.02
 NEAR_ENOUGH_RAD = 0.01
 """An approach ends at a step and a turn below these: the refinement does the rest."""
 LEAST_OFF_M = 0.01
-"""Clouds are not accepted to fit better than this."""
+"""The residuals of an alignment count as at least this large."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,10 @@ class Alignment:
     target_T_source: NDArray[np.float64]
     """(4, 4) the pose."""
     overlap: float
-    """Share of the source's voxels with a voxel of the target nearer than `inlier_m`."""
+    """Share of the source's voxels that have a voxel of the target nearer than `inlier_m`."""
     covariance: NDArray[np.float64]
     """(6, 6) of a small turn about x, y, z in radians, then of a step along x, y, z in metres, in
-    the source's frame; infinite if nothing holds the clouds in some direction."""
+    the source's frame; infinite if no surface constrains the pose in some direction."""
 
     @property
     def spread_m(self) -> float:
@@ -53,12 +53,12 @@ class Alignment:
 
 
 NOWHERE = Alignment(np.eye(4), 0.0, np.full((6, 6), np.inf))
-"""Stands for an alignment where there are too few points to register."""
+"""Stands for an alignment if there are too few points to register."""
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """A cloud that is prepared for registration: thinned, with covariances and a search tree."""
+    """A cloud prepared for registration: thinned, with covariances and a search tree."""
 
     points: small_gicp.PointCloud
     """One point a voxel, each with the covariance of the points around it."""
@@ -67,7 +67,7 @@ class Cloud:
     cell_m: float
     rough_m: float
     neighbours: int
-    """The settings of `Registration` that it was prepared with."""
+    """The settings of `Registration` that the cloud was prepared with."""
 
     @cached_property
     def rough(self) -> small_gicp.PointCloud:
@@ -89,9 +89,9 @@ class Cloud:
 
     @cached_property
     def sample_m(self) -> Points:
-        """Half of the thinned points (n / 2, 3): enough to estimate shares.
+        """Half of the thinned points (n / 2, 3), which are enough to estimate shares.
 
-        They are drawn at random, but always the same ones.
+        They are drawn at random with a fixed seed.
         """
         count = len(self.xyz_m)
         sample_rows = np.random.default_rng(0).permutation(count)[: (count + 1) // 2]
@@ -117,7 +117,7 @@ class Approach(NamedTuple):
     target_T_source: NDArray[np.float64]
     """(4, 4) the pose."""
     overlap: float
-    """Share of the source's rough points with a point of the target nearer than `reach_m`."""
+    """Share of the source's rough points that have a point of the target nearer than `reach_m`."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class Registration:
     """Generalised ICP between thinned clouds, in two steps (both by small_gicp).
 
     The approach pairs few points with Gaussians, one for each wide cell of the target (Koide, ICRA
-    2021), and so comes near from some metres away. The refinement pairs points with points (Segal,
+    2021), and so converges from some metres away. The refinement pairs points with points (Segal,
     RSS 2009).
     """
 
@@ -165,7 +165,7 @@ class Registration:
         """Align source points (m, 3) with target points (n, 3) from a first guess (4, 4).
 
         All lengths are in metres. Raises InputError for points or a guess that are not finite or
-        not of that shape, and for a cloud of too few voxels.
+        have another shape, and for a cloud of too few voxels.
         """
         guess = np.asarray(target_T_source, np.float64)
         if guess.shape != (4, 4) or not np.isfinite(guess).all():
@@ -175,10 +175,13 @@ class Registration:
         return self.refine(target, source, self.approach(target, source, guess).target_T_source)
 
     def prepare(self, points_m: Points) -> Cloud:
-        """Thin points (n, 3) in metres to a cloud; raises InputError if it cannot be registered."""
+        """Thin points (n, 3) in metres to a cloud.
+
+        Raises InputError for points of another shape or not finite, and for too few voxels.
+        """
         points_m = np.asarray(points_m, np.float64)
         if points_m.ndim != 2 or points_m.shape[1] != 3 or not np.isfinite(points_m).all():
-            raise InputError(f"points of shape {points_m.shape}: expected finite ones (n, 3)")
+            raise InputError(f"points of shape {points_m.shape}: expected finite points (n, 3)")
         thinned, tree = small_gicp.preprocess_points(points_m, self.voxel_m, self.neighbours)
         cloud = Cloud(thinned, tree, self.cell_m, self.rough_m, self.neighbours)
         if cloud.points.size() < self.least_voxels:
@@ -191,7 +194,7 @@ class Registration:
     ) -> Approach:
         """Bring a prepared cloud near its pose, from a guess (4, 4) that is some metres off.
 
-        Returns the guess itself if that overlaps more.
+        Returns the guess itself if its overlap is larger.
         """
         result = small_gicp.align(
             target.cells,
@@ -228,7 +231,7 @@ class Registration:
         target_rows = nearest[is_paired]
         normals = target.normals[target_rows]
         off_m = np.einsum("nx,nx->n", normals, moved_m[is_paired] - target.xyz_m[target_rows])
-        # In a direction along which either cloud has no surface to hold it, the pose is open.
+        # The pose is unconstrained in a direction along which either cloud has no surface.
         if min(_least_along(normals), _least_along(source.normals[is_paired])) < LEAST_ALONG:
             return Alignment(target_T_source, overlap, np.full((6, 6), np.inf))
         normals_in_source = normals @ target_T_source[:3, :3]  # rows n @ R are the columns Rᵀ n

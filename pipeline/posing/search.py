@@ -1,16 +1,16 @@
 """The search for a query's pose: points and a ranking's answers in; a `ScanFix` out (METHODS 9.4).
 
-`Fixer.fix` makes one hypothesis, a pose that the query may have, after the other until one is sure:
+`Fixer.fix` makes hypotheses, poses that the query may have, one after the other until one is sure:
 
-1. From the pose of the ranking's first answer, register against the submap there.
-2. In rounds of candidates (first the places that the ranking names, then the whole map by likeness
-   of walls): match walls from above, register roughly from the best matches (an approach), and
-   refine the approaches that overlap most.
-3. Check each refined pose against the map (`Hypothesis`), and compute the probabilities of all.
-4. If the likeliest pose looks right elsewhere along its street too, register there as well: at its
-   aliases (`aliases`).
+1. Register the query against the submap at the pose of the ranking's first answer.
+2. Work through rounds of candidates: first the places of the ranking, then the whole map by the
+   similarity of walls. In each round, match walls from above, register roughly from the best
+   matches (an approach), and refine the approaches that overlap most.
+3. Check each refined pose against the map (`Hypothesis`), and compute the probability of each.
+4. If the likeliest pose has perceptual aliases that fit about as well (`aliases`), register the
+   query at these too.
 
-`Fixer.track` starts from a pose that is nearly known instead.
+`Fixer.track` starts from an approximately known pose instead.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -29,27 +29,27 @@ from pipeline.matching.ranking import Ranking
 from pipeline.posing.aliases import aliases
 from pipeline.posing.expectations import Expectations
 from pipeline.posing.fix import Hypothesis, ScanFix, is_same_pose
-from pipeline.posing.probabilities import USUAL, Probabilities
+from pipeline.posing.probabilities import USUAL, HypothesisModel
 from pipeline.posing.registration import Alignment, Approach, Cloud, Points, Registration
 from pipeline.posing.targets import Targets, within_range
 from pipeline.posing.verification import Agreement, Seen, agreement
 from pipeline.posing.walls import Chart, Walls
 
 BESIDE_BOUNDS_M = (2.5, 15.0)
-"""A pose is checked against a second submap too: at least the first distance from the first submap,
-and nearer than the second distance to the pose."""
+"""A pose is also checked against a second submap: at least the first distance away from the first
+submap, and nearer to the pose than the second distance."""
 LIKELY = 0.05
-"""A hypothesis is likely from this probability on. Only then is it compared with its aliases, and
-with approaches of little overlap."""
+"""A hypothesis is likely from this probability on. Only a likely hypothesis is compared with its
+aliases, and with approaches of little overlap."""
 
 
 class Answers(NamedTuple):
     """Where a ranking places a query, the likeliest first."""
 
     xy_m: NDArray[np.float64]
-    """(k, 2) positions; NaN for an answer without one."""
+    """(k, 2) positions; NaN for an answer without a position."""
     heading_deg: NDArray[np.float64]
-    """(k,) headings of the query if it is there; NaN if the method does not tell."""
+    """(k,) headings of the query if it is at this position; NaN if the method gives none."""
 
     @classmethod
     def of(cls, ranking: Ranking, row: int = 0) -> Self:
@@ -69,14 +69,14 @@ NO_ANSWERS = Answers(np.empty((0, 2)), np.empty(0))
 
 @dataclass(frozen=True)
 class Query:
-    """A query, prepared for comparison with training submaps; each part is computed when needed."""
+    """A query, prepared for comparison with training submaps; its parts are computed on demand."""
 
     points_m: Points
     """(n, 3) points in the query's frame."""
     cloud: Cloud
     walls: Walls
     is_single_scan: bool
-    """Whether its points are of one scan: then the sensor saw through the space before its
+    """Whether all points are of one scan: then the sensor saw through the space before the
     walls."""
 
     @cached_property
@@ -91,12 +91,12 @@ class Query:
 
     @cached_property
     def seen(self) -> Seen:
-        """The points that the query's sensor met, and the space that it saw through."""
+        """The points that the query's sensor hit, and the space that it saw through."""
         return Seen.of(self.walls, self.cloud, self.chart)
 
     @cached_property
     def middles(self) -> NDArray[np.float64]:
-        """The middles (n, 2) of the cells with walls, in cells (Walls.middles)."""
+        """The centres (n, 2) of the cells with walls, in cells (Walls.middles)."""
         return self.walls.middles(self.walls_m)
 
     @cached_property
@@ -111,29 +111,30 @@ class Fixer:
     """Turns the answers of a ranking into a fix (conf/poses.yaml)."""
 
     coarse: Walls = field(default_factory=lambda: Walls(cell_m=2.0, headings=60))
-    """How walls are matched over the whole map, once the ranking has no more candidates."""
+    """Matches walls over the whole map, once the ranking has no more candidates."""
     walls: Walls = field(default_factory=Walls)
-    """How walls are matched with one candidate."""
+    """Matches walls with one candidate."""
     registration: Registration = field(default_factory=Registration)
     rounds: Sequence[int] = (5, 20)
     """Number of candidates in each round."""
     tries: Count = 5
-    """Number of approaches in each round: of the candidates whose walls match best."""
+    """Number of approaches in each round, to the candidates whose walls match best."""
     refined: Count = 2
-    """Number of refined registrations in each round: of the approaches that overlap most."""
+    """Number of refinements in each round, of the approaches that overlap most."""
     sure: Share = 0.95
     """A hypothesis of this probability ends the search."""
     least_margin: NotNegative = 0.1
-    """The aliases of the likeliest hypothesis are registered too unless it leads by this."""
+    """The query is also registered at the aliases of the likeliest hypothesis, unless its margin is
+    at least this."""
     least_overlap: Share = 0.0
     """An approach of less overlap is not refined; learned from validation blocks (`validation`)."""
     widest_m: NotNegative = 0.5
-    """A refined pose whose position has a wider spread is dropped: nothing holds it in some
+    """A refined pose whose position has a larger spread is dropped: it is unconstrained in some
     direction, for example along a bare wall."""
-    probabilities: Probabilities = USUAL
+    model: HypothesisModel = USUAL
     """The model of the probability that a hypothesis is right, learned from validation blocks."""
     expectations: Expectations = field(default_factory=Expectations)
-    """The features to expect at each place, learned from validation blocks."""
+    """The expected features at each place, learned from validation blocks."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rounds", tuple(self.rounds))  # a yaml has lists
@@ -149,23 +150,24 @@ class Fixer:
     ) -> ScanFix:
         """Fix a query's points (n, 3), z up from the ground.
 
-        The answers of a ranking are tried first, then the whole map. Training submaps `left_out`
-        (row,) are ignored. The fix has no hypothesis if the points are too few or not finite.
+        The answers of a ranking are tried first, then the whole map. Training submaps that are True
+        in `left_out` (row,) are ignored. The fix has no hypothesis if the points are too few or not
+        finite.
         """
         query = self._prepared(points_m, targets)
         if query is None:
             return ScanFix()
         left_out = np.zeros(len(targets.world_T_anchor), bool) if left_out is None else left_out
         search = _Search(self, query, targets, left_out)
-        return self._first_sure(partial(search.everywhere, answers), search.from_copies)
+        return self._first_sure(partial(search.everywhere, answers), search.from_aliases)
 
     def track(
         self, points_m: Points, targets: Targets, world_T_guess: NDArray[np.float64], rows: int = 2
     ) -> ScanFix:
         """Fix a query's points (n, 3) whose pose is known to a metre and some degrees.
 
-        From that guess (4, 4) they are registered against the nearest submaps, `rows` at most, one
-        after the other until one is sure.
+        The points are registered from this guess (4, 4) against the nearest submaps, at most
+        `rows`, one after the other until a hypothesis is sure.
         """
         query = self._prepared(points_m, targets)
         if query is None:
@@ -173,12 +175,12 @@ class Fixer:
         search = _Search(self, query, targets, np.zeros(len(targets.world_T_anchor), bool))
 
         def from_guess(_: Callable[[], float]) -> Iterator[Hypothesis]:
-            return search.from_guess(world_T_guess, rows)  # all are refined, whatever the overlap
+            return search.from_guess(world_T_guess, rows)  # refined whatever the overlap
 
         return self._first_sure(from_guess)
 
     def _prepared(self, points_m: Points, targets: Targets) -> Query | None:
-        """Prepare the query; None if it has too few points."""
+        """Prepare the query; returns None if it has too few points."""
         points_m = within_range(points_m, targets.range_m)
         try:
             cloud = self.registration.prepare(points_m)
@@ -189,15 +191,15 @@ class Fixer:
     def _first_sure(
         self,
         make_hypotheses: Callable[[Callable[[], float]], Iterator[Hypothesis]],
-        make_from_copies: Callable[[Hypothesis], list[Hypothesis]] | None = None,
+        register_aliases: Callable[[Hypothesis], list[Hypothesis]] | None = None,
     ) -> ScanFix:
         """Build the fix from as many hypotheses as it takes to be sure of one.
 
-        `make_hypotheses` makes them one by one. It is given a function for the least overlap of an
-        approach that is worth refining, since that changes on the way: once there is a likely
-        hypothesis, any further pose is worth a comparison with it. `make_from_copies` registers at
-        the aliases of a hypothesis: of the likeliest one, and if one of the copies becomes the
-        likeliest, of that one too.
+        `make_hypotheses` makes them one by one. Its argument is a function that returns the least
+        overlap of an approach worth refining. This overlap changes on the way: once there is a
+        likely hypothesis, every further pose is worth a comparison with it. `register_aliases`
+        makes the hypotheses at the aliases of the likeliest hypothesis; if one of these becomes the
+        likeliest, its own aliases are registered too.
         """
         hypotheses: list[Hypothesis] = []
         compared: list[Hypothesis] = []
@@ -208,19 +210,19 @@ class Fixer:
 
         for hypothesis in make_hypotheses(least_overlap):
             hypotheses.append(hypothesis)
-            fix = ScanFix.of(hypotheses, self.probabilities)
-            while make_from_copies is not None and self._needs_comparison(fix, compared):
+            fix = ScanFix.of(hypotheses, self.model)
+            while register_aliases is not None and self._needs_comparison(fix, compared):
                 compared.append(fix.hypotheses[0])
-                hypotheses += make_from_copies(fix.hypotheses[0])
-                fix = ScanFix.of(hypotheses, self.probabilities)
+                hypotheses += register_aliases(fix.hypotheses[0])
+                fix = ScanFix.of(hypotheses, self.model)
             if fix.probability >= self.sure:
                 break
         return fix
 
     def _needs_comparison(self, fix: ScanFix, compared: Sequence[Hypothesis]) -> bool:
-        """Whether the likeliest hypothesis is to be compared with its aliases.
+        """Whether the likeliest hypothesis is still to be compared with its aliases.
 
-        It is not if it leads them by far, if it is not likely, or if it (or one at the same pose)
+        It is not if its margin is large, if it is not likely, or if a hypothesis at the same pose
         was `compared` before.
         """
         best = fix.hypotheses[0]
@@ -231,7 +233,7 @@ class Fixer:
 
 @dataclass(frozen=True)
 class _Search:
-    """Computes the hypotheses of one query, each only when it is needed."""
+    """Computes the hypotheses of one query, each on demand."""
 
     fixer: Fixer
     query: Query
@@ -261,11 +263,11 @@ class _Search:
             guess = np.linalg.inv(self.targets.world_T_anchor[row]) @ world_T_guess
             yield from self._registered(row, guess)
 
-    def from_copies(self, hypothesis: Hypothesis) -> list[Hypothesis]:
-        """Register at each slid copy of a hypothesis; returns the hypotheses made there."""
+    def from_aliases(self, hypothesis: Hypothesis) -> list[Hypothesis]:
+        """Register the query at each alias of a hypothesis; returns the hypotheses made there."""
         hypotheses: list[Hypothesis] = []
-        for copy in hypothesis.aliases.copies:
-            hypotheses += self._registered(copy.row, copy.target_T_query)
+        for alias in hypothesis.aliases.ranked:
+            hypotheses += self._registered(alias.row, alias.target_T_query)
         return hypotheses
 
     def _from_first_answer(
@@ -273,7 +275,7 @@ class _Search:
     ) -> Iterator[Hypothesis]:
         """A hypothesis from the position and heading of the ranking's first answer.
 
-        There is none if the answer lacks either of them.
+        There is no hypothesis if the answer lacks either of them.
         """
         if not len(answers.xy_m):
             return
@@ -295,14 +297,14 @@ class _Search:
     def _round(
         self, rows: Sequence[int], least_overlap: Callable[[], float]
     ) -> Iterator[Hypothesis]:
-        """Hypotheses from candidate rows: from the best match of walls, then from the next ones."""
+        """Hypotheses from candidate rows: from the best match of walls, then from further ones."""
         fixer = self.fixer
         matches = {}  # by row
         for row in rows:
             chart = self.targets.chart(fixer.walls, row)
             matches[row] = fixer.walls.match(chart, self.query.cells_at_headings)
         best_rows = sorted(matches, key=lambda row: -matches[row].score)[: fixer.tries]
-        # The best match alone is refined first: it is often right, and then the search may end.
+        # Refine the best match first: it is often right, and then the search may end.
         for group, refined_count in ((best_rows[:1], 1), (best_rows[1:], fixer.refined - 1)):
             approaches = {}  # by row
             for row in group:
@@ -316,13 +318,13 @@ class _Search:
     def _registered(
         self, row: int, target_T_query: NDArray[np.float64], least_overlap: float = 0.0
     ) -> Iterator[Hypothesis]:
-        """Approach one submap from a guess and refine; no hypothesis if that fails."""
+        """Approach one submap from a guess, and refine; no hypothesis if either fails."""
         for approach in self._approached(row, target_T_query):
             if approach.overlap >= least_overlap:
                 yield from self._refined(row, approach)
 
     def _approached(self, row: int, target_T_query: NDArray[np.float64]) -> list[Approach]:
-        """The one approach to a submap from a guess (4, 4); empty if it has too few points."""
+        """The approach to a submap from a guess (4, 4); empty if the submap has too few points."""
         registration = self.fixer.registration
         try:
             target = self.targets.cloud(registration, row)
@@ -331,7 +333,7 @@ class _Search:
         return [registration.approach(target, self.query.cloud, target_T_query)]
 
     def _refined(self, row: int, approach: Approach) -> Iterator[Hypothesis]:
-        """Refine the approach to one submap; no hypothesis if nothing holds it in a direction."""
+        """Refine the approach to one submap; no hypothesis if a direction is unconstrained."""
         registration = self.fixer.registration
         target = self.targets.cloud(registration, row)
         alignment = registration.refine(target, self.query.cloud, approach.target_T_source)
@@ -339,7 +341,7 @@ class _Search:
             yield self._hypothesis(row, alignment, approach.overlap)
 
     def _hypothesis(self, row: int, alignment: Alignment, approach_overlap: float) -> Hypothesis:
-        """Check a refined alignment with a submap against the map."""
+        """The hypothesis of a refined alignment with a submap, checked against the map."""
         fixer = self.fixer
         world_T_query = self.targets.world_T_anchor[row] @ alignment.target_T_source
         # The cosine of the angle between both z axes; rounding may take it beyond 1.
@@ -359,7 +361,7 @@ class _Search:
         )
 
     def _agreement(self, row: int, world_T_query: NDArray[np.float64]) -> Agreement:
-        """How the query, at a pose, agrees with a submap."""
+        """The agreement of the query, at a pose, with a submap."""
         fixer = self.fixer
         target = self.targets.seen(fixer.registration, fixer.walls, row)
         target_T_query = np.linalg.inv(self.targets.world_T_anchor[row]) @ world_T_query
@@ -367,7 +369,7 @@ class _Search:
         return agreement(fixer.walls, inlier_m, target, self.query.seen, target_T_query)
 
     def _beside(self, row: int, world_T_query: NDArray[np.float64]) -> int:
-        """The submap nearest to a pose, but not where `row` is; `row` itself if there is none."""
+        """The submap nearest to a pose, away from that of `row`; `row` itself if there is none."""
         least_m, most_m = BESIDE_BOUNDS_M
         anchors_m = self.targets.world_T_anchor[:, :2, 3]
         away_m = np.linalg.norm(anchors_m - world_T_query[:2, 3], axis=1)

@@ -1,8 +1,8 @@
 """Targets: the thinned training submaps that queries are registered against (METHODS 9.1).
 
 `write_map` thins the submaps of a training sequence and writes them as a map artifact. `Targets`
-reads that, prepares submaps for registration when they are first needed, and names the candidates
-for a query: the submaps that a ranking points to, or those whose walls look like the query's.
+reads this artifact, prepares submaps for registration when they are first needed, and chooses the
+candidates for a query: the submaps that a ranking points to, or whose walls look like the query's.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -26,8 +26,8 @@ GRAIN_M = 0.01
 APART_M = 5.0
 """A candidate nearer than this to an earlier one is skipped."""
 CACHED_CLOUDS = 256
-"""Number of prepared clouds in memory: some 400 MB for submaps of several scans. Charts are small,
-so all of them are kept."""
+"""Number of prepared clouds kept in memory: some 400 MB for submaps of several scans. Charts are
+small, and all of them are kept."""
 
 
 def write_map(
@@ -40,12 +40,12 @@ def write_map(
 ) -> tuple[int, int]:
     """Thin the submaps of a training sequence to one point a voxel, and write them as a map.
 
-    Points farther than `range_m` from the anchor are left out; in submaps of several scans, points
-    farther than `gathered_m`. Returns the number of submaps and of points.
+    Points farther from the anchor than `range_m` are left out; in submaps of several scans, points
+    farther than `gathered_m`. Returns the numbers of submaps and of points.
     """
     world_T_anchor = submaps.load("world_T_anchor")
     offsets = [0]
-    # A submap is of a single scan if its first scan is the one that it is anchored at.
+    # A submap is a single scan if its first scan is its anchor.
     is_single_scan = bool((submaps.load("first") == submaps.load("scans")).all())
     range_m = range_m if is_single_scan else gathered_m
     attrs = {"grain_m": GRAIN_M, "voxel_m": voxel_m, "range_m": range_m, "single": is_single_scan}
@@ -60,7 +60,7 @@ def write_map(
 
 
 def thinned(points_m: Points, range_m: float, voxel_m: float) -> NDArray[np.int64]:
-    """Thin points (n, 3) within `range_m` to one a voxel, in units of GRAIN_M."""
+    """The points (n, 3) within `range_m`, thinned to one a voxel, in units of GRAIN_M."""
     sampled = small_gicp.voxelgrid_sampling(within_range(points_m, range_m), voxel_m)
     xyz_m = np.asarray(sampled.points())[:, :3]
     return np.rint(xyz_m / GRAIN_M).astype(np.int64)
@@ -69,7 +69,7 @@ def thinned(points_m: Points, range_m: float, voxel_m: float) -> NDArray[np.int6
 def within_range(points_m: Points, range_m: float) -> Points:
     """The points (n, 3) within `range_m` of the anchor, seen from above.
 
-    Points that are not finite stay, so that registration refuses them.
+    Points that are not finite are kept, so that registration refuses them.
     """
     return points_m[~(np.hypot(points_m[:, 0], points_m[:, 1]) >= range_m)]
 
@@ -79,9 +79,9 @@ class Targets:
 
     - `world_T_anchor` (row, 4, 4): their poses.
     - `single`: whether each is a single scan.
-    - `range_m`: how far from the anchor their points reach.
+    - `range_m`: largest distance of a point from the anchor.
     - `chart(walls, row)`, `cloud(registration, row)`, `seen(registration, walls, row)`: a submap's
-      walls from above, its cloud prepared for registration, and both together; computed once.
+      walls from above, its cloud prepared for registration, and both together; they are cached.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class Targets:
         return registration.prepare(self.points_m(row))
 
     def _seen(self, registration: Registration, walls: Walls, row: int) -> Seen:
-        """What a row's sensor met and saw through."""
+        """What a row's sensor hit and saw through."""
         return Seen.of(walls, self.cloud(registration, row), self.chart(walls, row))
 
     def points_m(self, row: int) -> Points:
@@ -122,9 +122,10 @@ class Targets:
         return np.asarray(self._points[self._offsets[row] : self._offsets[row + 1]] * self._grain_m)
 
     def nearest(self, xy_m: NDArray[np.float64], left_out: NDArray[np.bool_]) -> Iterator[int]:
-        """The row with the nearest anchor to each of positions (n, 2), in their order.
+        """For each of some positions (n, 2), the row with the nearest anchor.
 
-        Rows that are `left_out` (row,) are ignored, and so are positions that are not finite.
+        Rows that are True in `left_out` (row,) are ignored, and so are positions that are not
+        finite.
         """
         anchors_m = np.where(left_out[:, None], np.inf, self.world_T_anchor[:, :2, 3])
         if not left_out.all():
@@ -134,7 +135,7 @@ class Targets:
             )
 
     def similar(self, walls: Walls, walls_m: Points, left_out: NDArray[np.bool_]) -> Iterator[int]:
-        """Rows that are not `left_out` (row,), by how well their walls fit a query's (n, 3)."""
+        """The rows not `left_out` (row,), those first whose walls fit a query's (n, 3) best."""
         cells_at_headings = walls.cells_at_headings(walls_m)
         rows = list(self.spaced(np.flatnonzero(~left_out)))
         scores = [walls.match(self.chart(walls, row), cells_at_headings).score for row in rows]
@@ -142,7 +143,7 @@ class Targets:
         yield from (rows[i] for i in best_first)
 
     def spaced(self, rows: Iterable[int]) -> Iterator[int]:
-        """The rows whose anchors are at least APART_M from those of the rows before."""
+        """The rows whose anchors are at least APART_M from those of all rows chosen before."""
         anchors_m = self.world_T_anchor[:, :2, 3]
         chosen_m = np.full((len(self.world_T_anchor), 2), np.inf)
         for row in rows:

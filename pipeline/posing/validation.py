@@ -1,13 +1,14 @@
-"""Validation fixes: evidence of how far a fix can be trusted, from the training day (METHODS 9.5).
+"""Validation fixes: evidence from the training day on how far fixes can be trusted (METHODS 9.5).
 
-In: the training day, its map and a `Fixer`. Out: `FixEvidence`, from which a `Verdict` learns:
-fixes of submaps whose true poses are known. The steps of `ValidationBlocks.evidence`:
+In: the training day, its map and a `Fixer`. Out: `FixEvidence`, fixes of submaps whose true poses
+are known; a `Verdict` learns from it. The steps of `ValidationBlocks.evidence`:
 
-1. Choose blocks of the path and take them out of the map.
-2. Fix each of their submaps unperturbed, and once more aged, as a later day would see it.
-3. From the fixes that are right, learn from which overlap on an approach is worth refining.
-4. Fix each again, unperturbed, on a map without its surroundings: a place never seen.
-5. From the right fixes, learn which features (`probabilities.FEATURES`) to expect where.
+1. Choose validation blocks along the path, and remove them from the map.
+2. Fix each submap of the blocks twice: unperturbed, and with simulated ageing, as a later day might
+   see it.
+3. From the right fixes, learn the least overlap of an approach worth refining.
+4. Fix each submap once more, unperturbed, on a map without its surroundings: a novel place.
+5. From the right fixes, learn the expected features (`probabilities.FEATURES`), place by place.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -30,22 +31,22 @@ from pipeline.matching.ranking import Localizer, Rows
 from pipeline.posing.ageing import Ageing
 from pipeline.posing.expectations import Expectations
 from pipeline.posing.fix import Hypothesis, ScanFix
-from pipeline.posing.probabilities import Probabilities
+from pipeline.posing.probabilities import HypothesisModel
 from pipeline.posing.registration import Points
 from pipeline.posing.search import LIKELY, Answers, Fixer
 from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import OF_SCANS, FixEvidence
 
 PART_LENGTH = 152
-"""Questions that a process takes at a time."""
+"""Number of queries that a process takes at a time."""
 LOST_SHARE = 0.005
-"""This share of the right approaches, those of least overlap, is left out in `least_overlap`."""
+"""`least_overlap` ignores this share of the right approaches, those of least overlap."""
 KEPT_SHARE = 0.8
-"""An approach is worth refining if it has this share of the least overlap of right ones: on a later
-day right ones have less overlap than on the training day."""
+"""An approach is worth refining if it has this share of the least overlap of right approaches:
+right approaches overlap less on a later day than on the training day."""
 LARGEST_LEAST = 0.3
-"""An approach of this overlap is always worth refining: the training day does not show how little
-right ones overlap after new walls, or from another lane."""
+"""An approach of this overlap is always worth refining: the training day does not show how little a
+right approach overlaps after new walls, or from another lane."""
 
 
 class ValidationSet(NamedTuple):
@@ -54,20 +55,21 @@ class ValidationSet(NamedTuple):
     is_validation: NDArray[np.bool_]
     """(submap,) which submaps are kept for validation."""
     block: NDArray[np.int64]
-    """(validation submap,) the number of its block, counted on from one set to the next."""
+    """(validation submap,) the number of its block; the numbers continue from set to set."""
 
 
 @dataclass(frozen=True)
 class ValidationQuery:
-    """A validation submap as a query, asked once."""
+    """A validation submap as a query, in one of the ways in which it is queried."""
 
     row: int
+    """The row of the submap."""
     is_aged: bool
-    """Whether its points are changed to what a later day would see."""
+    """Whether its points are aged, to what a later day might see."""
     answers: Answers
-    """Where the method's ranking places it."""
+    """Where the method's ranking places the query."""
     left_out: NDArray[np.bool_]
-    """(submap,) which submaps the map lacks."""
+    """(submap,) which submaps are left out of the map."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class Drive:
     def points_m(self, rows: Collection[int]) -> dict[int, Points]:
         """The points (n, 3) of some submaps by row, in their anchors' frames, z up from the ground.
 
-        All submaps from the first to the last row are read in one go, which is the fastest.
+        All submaps from the first to the last row are read at once, which is fastest.
         """
         if not rows:
             return {}
@@ -101,16 +103,16 @@ class TrainingDay:
     drive: Drive
     views: Rows
     places: NDArray[np.int64]
-    """(submap,) the place of each."""
+    """(submap,) the place of each submap."""
     view: Callable[[Points], NDArray[Any]]
     """Draws a view from points."""
     localizer: Localizer
     """Ranks places for views."""
     k: int
-    """Number of answers to each view."""
+    """Number of answers for each view."""
 
     def answers(self, images: NDArray[Any], rows: NDArray[np.int64]) -> list[Answers]:
-        """The ranking's answers to images that were drawn again for some of the rows."""
+        """The ranking's answers to images (n, …) drawn for the rows (n,)."""
         ranking = self.localizer(
             Rows(images, self.views.stamps_ns[rows], self.views.world_T_anchor[rows]), self.k
         )
@@ -120,23 +122,24 @@ class TrainingDay:
 @dataclass(frozen=True)
 @checked("validation")
 class ValidationBlocks:
-    """Which submaps of the training day are kept for validation, as if they were queries of another
-    day."""
+    """Keeps blocks of the training day for validation, as if they were queries of another day."""
 
     every_m: Positive
     """Path from the start of one block to the start of the next."""
     length_m: Positive
     """Length of a block along the path."""
     around_m: Sequence[float]
-    """For a place never seen, a submap is asked on a map without the submaps nearer than one of
-    these distances; the rows take them in turn."""
+    """To make a novel place, the map of a query lacks the submaps nearer than one of these
+    distances; the rows take the distances in turn."""
     enough: Count = 150
-    """Wanted number of blocks: as long as there are fewer, further sets of blocks are kept for
-    validation, from the path between the first ones. The target precision .99 takes 99
-    accepted queries.
+    """Wanted number of blocks. While there are fewer, further sets of blocks are kept for
+    validation, from the path between the earlier ones. A target precision of .99 takes 99 accepted
+    queries.
     """
     ageing: Ageing = field(default_factory=Ageing)
+    """Ages the points of the validation submaps."""
     seed: Seed = 0
+    """Seed of the ageing."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "around_m", tuple(self.around_m))  # a yaml has lists
@@ -153,7 +156,7 @@ class ValidationBlocks:
     def evidence(
         self, fixer: Fixer, day: TrainingDay, compute: Compute, progress: Progress
     ) -> FixEvidence[ScanFix]:
-        """Fix all validation submaps: unperturbed, aged, and as places never seen.
+        """Fix each validation submap three times: unperturbed, aged, and as a novel place.
 
         Raises InputError for a map of another day.
         """
@@ -162,7 +165,7 @@ class ValidationBlocks:
         if not np.array_equal(mapped, anchors):
             submaps = f"{len(mapped)} submaps that are not the {len(anchors)} of the training views"
             raise InputError(f"{day.map_path}: a map of {submaps}; is it of this data set?")
-        # Ask each validation submap twice: unperturbed, then aged.
+        # Query each validation submap twice: unperturbed, then aged.
         validation_sets = list(self._validation_sets(day))
         queries: list[ValidationQuery] = []
         for validation_set in validation_sets:
@@ -171,7 +174,7 @@ class ValidationBlocks:
         fixes = self._fixes(fixer, day, queries, compute, progress, "validation blocks")
         least = least_overlap(fixes, world_T_true)
 
-        # Ask each once more, unperturbed, on a map without its surroundings: a place never seen.
+        # Query each once more, unperturbed, on a map without its surroundings: a novel place.
         unperturbed_queries = queries[::2]
         unseen_queries = []
         for query in unperturbed_queries:
@@ -183,7 +186,7 @@ class ValidationBlocks:
             unseen_queries,
             compute,
             progress,
-            "places never seen",
+            "novel places",
         )
 
         # The evidence has three fixes of each validation submap, one after the other.
@@ -191,7 +194,7 @@ class ValidationBlocks:
         aged_fixes = fixes[1::2]
         triples = zip(unperturbed_fixes, aged_fixes, unseen_fixes, strict=True)
         evidence = FixEvidence(
-            fixes=[gated(fix, least, fixer.probabilities) for triple in triples for fix in triple],
+            fixes=[gated(fix, least, fixer.model) for triple in triples for fix in triple],
             world_T_true=world_T_true[::2].repeat(3, axis=0),
             unseen=np.tile([False, False, True], len(unseen_queries)),
             block=np.concatenate(
@@ -202,12 +205,11 @@ class ValidationBlocks:
         return with_expectations(evidence)
 
     def _validation_sets(self, day: TrainingDay) -> Iterator[ValidationSet]:
-        """The sets of blocks that are kept for validation together, until there are enough
-        blocks."""
+        """The sets of blocks that are kept for validation together, until there are `enough`."""
         anchors = day.views.world_T_anchor
         block_count = 0
-        # Each set lies one length behind the one before, up to the next block of the first set; the
-        # last one may reach into that by less than half a length.
+        # Each set lies one block length behind the set before, up to the next block of the first
+        # set; the last set may overlap with this block by less than half a length.
         last_m = self.every_m - self.length_m / 2
         for shift_m in np.arange(0.0, last_m, self.length_m).tolist():
             if block_count >= self.enough:
@@ -220,14 +222,14 @@ class ValidationBlocks:
     def _queries(
         self, day: TrainingDay, is_validation: NDArray[np.bool_], compute: Compute
     ) -> list[ValidationQuery]:
-        """The questions of the submaps that are kept for validation (submap,): each unperturbed,
-        then aged.
+        """The queries of the validation submaps: each unperturbed, then aged.
 
-        An aged submap is drawn and ranked again.
+        `is_validation` (submap,) says which submaps these are. An aged submap is drawn and ranked
+        again.
         """
         rows = np.flatnonzero(is_validation)
         drive = day.drive
-        view = day.view  # a process gets these, not the model
+        view = day.view  # a process gets `drive` and `view`, not the model
         parts = [rows[first : first + PART_LENGTH] for first in range(0, len(rows), PART_LENGTH)]
 
         def draw_aged(part: NDArray[np.int64]) -> list[NDArray[Any]]:
@@ -268,7 +270,7 @@ class ValidationBlocks:
         progress: Progress,
         label: str,
     ) -> list[ScanFix]:
-        """The fix of each question."""
+        """The fix of each query."""
         drive = day.drive
         map_path = day.map_path
         parts = [
@@ -276,12 +278,12 @@ class ValidationBlocks:
         ]
 
         def fix_part(part: Sequence[ValidationQuery]) -> list[ScanFix]:
-            """The fixes of some questions, each of whose submaps is read once."""
+            """The fixes of some queries; each submap is read once."""
             targets = Targets.read(map_path)
-            driven_m = drive.points_m({query.row for query in part})
+            points_by_row = drive.points_m({query.row for query in part})
             fixes_of_part: list[ScanFix] = []
             for query in part:
-                points_m = driven_m[query.row]
+                points_m = points_by_row[query.row]
                 if query.is_aged:
                     points_m = self._aged(points_m, query.row)
                 fixes_of_part.append(fixer.fix(points_m, targets, query.answers, query.left_out))
@@ -291,20 +293,21 @@ class ValidationBlocks:
         return [fix for part in finished_parts for fix in part]
 
     def _aged(self, points_m: Points, row: int) -> Points:
-        """The points (n, 3) of a row as a later day would see them; always the same ones."""
+        """The points (n, 3) of a row, aged; the same at each call."""
         return self.ageing.aged(points_m, np.random.default_rng((self.seed, row)))
 
     def _surroundings(self, world_T_anchor: NDArray[np.float64], row: int) -> NDArray[np.bool_]:
-        """Which submaps (submap,) the map lacks where a row is asked as a place never seen."""
+        """The submaps (submap,) that are left out of the map to make a row a novel place."""
         away_m = np.linalg.norm(world_T_anchor[:, :2, 3] - world_T_anchor[row, :2, 3], axis=1)
         return np.asarray(away_m < self.around_m[row % len(self.around_m)])
 
 
 def least_overlap(fixes: Sequence[ScanFix], world_T_true: Poses) -> float:
-    """From which overlap on an approach is worth refining, by fixes of validation submaps.
+    """The least overlap of an approach worth refining, by the fixes (q,) of validation submaps.
 
-    It is KEPT_SHARE of the least overlap (all but LOST_SHARE) of those approaches of q fixes that
-    led to a right pose, but LARGEST_LEAST at most; 0 if none did. The true poses are (q, 4, 4).
+    It is KEPT_SHARE of the least overlap of the approaches that led to a right pose, without the
+    lowest LOST_SHARE of them, and at most LARGEST_LEAST; 0 if no pose is right. The true poses are
+    (q, 4, 4).
     """
     overlaps = []
     for fix, true_pose in zip(fixes, world_T_true, strict=True):
@@ -327,8 +330,8 @@ def _right_hypotheses(fix: ScanFix, world_T_true: NDArray[np.float64]) -> list[H
 def with_expectations(evidence: FixEvidence[ScanFix]) -> FixEvidence[ScanFix]:
     """The same evidence, with the features of its right hypotheses as expectations.
 
-    The features in each fix are lowered by the expectations from other blocks alone: no fix is
-    judged by its own features.
+    The features of each fix are lowered by the expectations from the other blocks only, so that no
+    fix is judged by its own features.
     """
     right_hypotheses: list[Hypothesis] = []
     block_of_each: list[int] = []
@@ -351,7 +354,7 @@ def with_expectations(evidence: FixEvidence[ScanFix]) -> FixEvidence[ScanFix]:
 
 
 def judged_by(expectations: Expectations, fix: ScanFix) -> ScanFix:
-    """The fix with its hypotheses' features lowered by what is expected where each of them is."""
+    """The fix with its hypotheses' features lowered by the expectations at their positions."""
     return ScanFix.of(
         [
             replace(hypothesis, excess=expectations.excess(hypothesis.world_T_query[:2, 3]))
@@ -360,13 +363,13 @@ def judged_by(expectations: Expectations, fix: ScanFix) -> ScanFix:
     )
 
 
-def gated(fix: ScanFix, least: float, probabilities: Probabilities) -> ScanFix:
-    """The fix that a search with a least overlap would find, given the fix of a search without it.
+def gated(fix: ScanFix, least: float, model: HypothesisModel) -> ScanFix:
+    """The fix that a search with the least overlap `least` finds, from a search without it.
 
-    The hypotheses whose approaches overlap less drop out, unless one was likely: then the search
-    refines any approach.
+    Hypotheses whose approaches overlap less are dropped, unless a hypothesis was likely: then the
+    search refines every approach.
     """
     if fix.probability >= LIKELY:
         return fix
     refined = [hypothesis for hypothesis in fix.hypotheses if hypothesis.approach_overlap >= least]
-    return ScanFix.of(refined, probabilities)
+    return ScanFix.of(refined, model)

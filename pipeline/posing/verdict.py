@@ -1,11 +1,13 @@
 """Verdicts: the probability that a fix is right, and when to reject it (METHODS 9.5, 13.4).
 
-In: `FixEvidence`, the fixes of validation queries whose true poses are known. Out: a `Judge`, which
-says for any fix the error probability of each of three claims (that the pose is right; that the
-place is; that one of several poses is); and a `Verdict`: for each claim and each of
-TARGET_PRECISIONS the error probability from which on to reject, so that the target share of the
-accepted ones is right. Fixes of 3-D scans and of level sweeps are judged in the same way, within
-other `Tolerances`.
+In: `FixEvidence`, the fixes of validation queries whose true poses are known. Out:
+
+- a `Judge`: it computes, for any fix, the error probability of each of three claims: the pose is
+  right; the query is near the pose; one of several poses is right;
+- a `Verdict`: it holds, for each claim and each of TARGET_PRECISIONS, the threshold of the error
+  probability from which on the claim is rejected, so that the accepted claims reach this precision.
+
+Fixes of 3-D scans and of level sweeps are judged in the same way, within different `Tolerances`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,44 +23,44 @@ from pipeline.matching.rejection import threshold_for
 from pipeline.posing import probabilities
 from pipeline.posing.expectations import Expectations
 from pipeline.posing.fix import Registered
-from pipeline.posing.probabilities import Probabilities, learned
+from pipeline.posing.probabilities import HypothesisModel, learned
 
 TARGET_PRECISIONS = (0.95, 0.99, 0.999)
-"""Wanted precisions: shares of right fixes among the accepted ones."""
+"""The target precisions: shares of right fixes among the accepted fixes."""
 SEVERAL = 3
-"""Largest number of poses that are named if none alone is accepted: the likeliest, and the first
-runners-up elsewhere (`Registered.elsewhere`)."""
+"""Largest number of poses that are reported if no single pose is accepted: the likeliest pose, and
+the first runners-up elsewhere (`Registered.elsewhere`)."""
 CLAIMS = ("fix", "place", "several")
-"""What may be accepted of a query, the strongest claim first: that its pose is right; that it is
-near that pose; that one of SEVERAL poses is right."""
+"""The claims about a query, the strongest first: its likeliest pose is right; it is near this pose;
+one of SEVERAL poses is right."""
 LEAST_ERROR_PROBABILITY = 1e-9
-"""Error probabilities are cut off here before their log-odds are taken."""
+"""Error probabilities are clipped to this and one minus this before their log-odds are taken."""
 AnyFix = Registered[Any]
 """A fix of a 3-D scan or of level sweeps."""
 FixT_co = TypeVar("FixT_co", bound=AnyFix, covariant=True)
 ClaimThresholds = Mapping[str, tuple[float, ...]]
-"""For each of CLAIMS the error probabilities from which on to reject it, one for each target
-precision."""
+"""For each of CLAIMS and each target precision, the error probability from which on the claim is
+rejected."""
 
 
 @dataclass(frozen=True)
 class Tolerances:
-    """How far a pose may be off, and how much error probability a target precision allows."""
+    """How far a right pose may be off, and which error probabilities may be accepted."""
 
     right_within: tuple[float, float]
-    """A pose is right within these metres and degrees."""
+    """A pose is right within these metres and degrees of the true pose."""
     near_m: float
-    """A place is right within this distance."""
+    """A pose is near within this distance from the true pose."""
     largest_multiple: float
-    """A claim is rejected if its error probability is more than this multiple of the share of wrong
-    ones that a target precision allows (METHODS 9.5)."""
+    """A claim is rejected if its error probability exceeds this multiple of one minus the target
+    precision (METHODS 9.5)."""
     scales: NDArray[np.float64] = field(compare=False)
-    """(feature,) a usual difference of each feature, by which learned weights are scaled."""
+    """(feature,) a typical difference of each feature; learning divides features by it."""
     is_level: bool = False
-    """Whether heights are left aside."""
+    """Whether heights are ignored."""
 
     def right(self, world_T_query: Poses, world_T_true: Poses) -> NDArray[np.bool_]:
-        """Which poses (n, 4, 4) are right, given the true ones; a missing pose is not."""
+        """Which poses (n, 4, 4) are right, given the true poses; a missing pose is not right."""
         right_m, right_deg = self.right_within
         away_m, turn_deg = distance_and_turn(world_T_query, world_T_true)
         if self.is_level:
@@ -68,7 +70,7 @@ class Tolerances:
     def right_and_near(
         self, fix: AnyFix, world_T_true: NDArray[np.float64]
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which hypotheses (n,) of a fix are right, and which near, by the true pose (4, 4)."""
+        """Which hypotheses (n,) of a fix are right, and which are near, given the true pose."""
         poses = fix.poses
         away_m = np.linalg.norm(poses[:, :2, 3] - world_T_true[:2, 3], axis=1)
         is_right = self.right(poses, np.broadcast_to(world_T_true, poses.shape))
@@ -81,34 +83,34 @@ OF_SCANS = Tolerances(RIGHT_WITHIN, near_m=15.0, largest_multiple=10.0, scales=p
 
 @dataclass(frozen=True)
 class Judge:
-    """Says the error probability of each of three claims."""
+    """Computes the error probability of each claim about a fix."""
 
-    pose: Probabilities
+    pose: HypothesisModel
     """The model of the probability that a hypothesis is right."""
-    place: Probabilities
+    place: HypothesisModel
     """The model of the probability that a hypothesis is near."""
     tolerances: Tolerances = OF_SCANS
 
     def error_probabilities(self, fix: AnyFix) -> NDArray[np.float64]:
-        """The error probability (claim,) in each of CLAIMS: one minus its probability; 1 without a
-        hypothesis."""
+        """The error probability (claim,) of each of CLAIMS: one minus the claim's probability.
+
+        It is 1 for a fix without a hypothesis.
+        """
         if not fix.hypotheses:
             return np.ones(len(CLAIMS))
-        # Shares (hypothesis + 1,): the last is the probability that no hypothesis is right.
-        fix_features = fix.features
-        pose_shares = self.pose.shares(fix_features)
-        place_shares = self.place.shares(fix_features)
-        places_m = fix.poses[:, :2, 3]
-        is_far = np.linalg.norm(places_m - places_m[0], axis=1) >= self.tolerances.near_m
-        is_unnamed = np.ones(len(pose_shares), bool)
-        is_unnamed[_named(fix)] = False
-        # Each error probability is the probability of all that the claim rules out.
-        pose_error_probability = pose_shares[1:].sum()
-        place_error_probability = place_shares[np.append(is_far, True)].sum()
-        several_error_probability = pose_shares[is_unnamed].sum()
-        return np.array(
-            [pose_error_probability, place_error_probability, several_error_probability]
-        ).clip(0, 1)
+        # Both are (hypothesis + 1,): the last entry is that no hypothesis is right, or near.
+        features = fix.features
+        if_pose = self.pose.probabilities_and_none(features)
+        if_place = self.place.probabilities_and_none(features)
+        xy_m = fix.poses[:, :2, 3]
+        is_far = np.linalg.norm(xy_m - xy_m[0], axis=1) >= self.tolerances.near_m
+        is_unreported = np.ones(len(if_pose), bool)
+        is_unreported[_reported(fix)] = False
+        # Each error probability is the sum over the cases that the claim excludes.
+        pose_error = if_pose[1:].sum()
+        place_error = if_place[np.append(is_far, True)].sum()
+        several_error = if_pose[is_unreported].sum()
+        return np.array([pose_error, place_error, several_error]).clip(0, 1)
 
 
 USUAL = Judge(probabilities.USUAL, probabilities.USUAL)
@@ -117,22 +119,21 @@ USUAL = Judge(probabilities.USUAL, probabilities.USUAL)
 
 @dataclass(frozen=True)
 class Verdict:
-    """When to accept the fixes of a site: probabilities of claims, and thresholds of the error
-    probability in each."""
+    """When to accept the fixes of a site: the models of a judge, and a threshold for each claim."""
 
-    pose: Probabilities
-    """Gives the probability that a pose is right."""
-    place: Probabilities
-    """Gives the probability that the robot is near a pose."""
+    pose: HypothesisModel
+    """The model of the probability that a pose is right."""
+    place: HypothesisModel
+    """The model of the probability that the robot is near a pose."""
     target_precisions: tuple[float, ...]
-    """The precisions that were tried; those `kept` a user may ask for."""
+    """The target precisions that were tried; a user may choose among those that are `kept`."""
     claim_thresholds: ClaimThresholds
-    """For each of CLAIMS and each target precision, the error probability from which on to reject
-    to reach the target precision. Where it is not above 0 the target precision cannot be kept."""
+    """For each of CLAIMS and each target precision, the error probability from which on the claim
+    is rejected. A threshold that is not above 0 marks a target precision that cannot be reached."""
     validation: int
-    """The number of validation blocks of the training day that the thresholds rest on."""
+    """The number of validation blocks of the training day that the thresholds were learned from."""
     unseen_share: float
-    """The share of queries that are expected where training never went."""
+    """The expected share of queries where training never went."""
 
     @property
     def kept(self) -> tuple[float, ...]:
@@ -141,40 +142,39 @@ class Verdict:
 
     @property
     def thresholds(self) -> dict[float, tuple[float, ...]]:
-        """For each target precision that a pose can reach, the thresholds of error probabilities in
-        CLAIMS."""
-        thresholds_of_claims = [self.claim_thresholds[claim] for claim in CLAIMS]
-        thresholds = zip(
-            self.target_precisions, zip(*thresholds_of_claims, strict=True), strict=True
-        )
+        """For each target precision that poses can reach, the thresholds (claim,) of CLAIMS."""
+        by_claim = [self.claim_thresholds[claim] for claim in CLAIMS]
+        by_precision = zip(*by_claim, strict=True)
         return {
-            target_precision: of_claims
-            for target_precision, of_claims in thresholds
-            if of_claims[0] > 0
+            target_precision: thresholds
+            for target_precision, thresholds in zip(
+                self.target_precisions, by_precision, strict=True
+            )
+            if thresholds[0] > 0
         }
 
 
 @dataclass(frozen=True)
 class FixEvidence(Generic[FixT_co]):
-    """Fixes of validation queries, each asked in several ways; one of them as a place never
-    seen."""
+    """The fixes of validation queries. Each query was fixed in several ways, one of them on a map
+    without its surroundings."""
 
     fixes: Sequence[FixT_co]
     world_T_true: Poses
     """(fix, 4, 4) the true poses."""
     unseen: NDArray[np.bool_]
-    """(fix,) whether the query was asked as a place never seen: on a map without its
-    surroundings."""
+    """(fix,) whether the map lacked the query's surroundings, so that the place was novel."""
     block: NDArray[np.int64]
-    """(fix,) the stretch of path of the query; queries of one block are not independent."""
+    """(fix,) the number of the query's block, a stretch of path; queries of one block are not
+    independent."""
     least_overlap: float = 0.0
-    """The overlap from which on an approach was refined (Fixer.least_overlap)."""
+    """Approaches with at least this overlap were refined (Fixer.least_overlap)."""
     expectations: Expectations = field(default_factory=Expectations)
     """The features of the right fixes, by which later fixes are judged."""
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """The evidence of several maps, whose blocks are numbered on."""
+        """The evidence of several maps together, with consecutive numbers of blocks."""
         fixes: list[FixT_co] = []
         blocks = [np.empty(0, np.int64)]
         first_block = 0
@@ -192,9 +192,10 @@ class FixEvidence(Generic[FixT_co]):
         return len(np.unique(self.block))
 
     def weight(self, unseen_share: float) -> NDArray[np.float64]:
-        """The number of independent queries (fix,) that each fix counts for.
+        """The number of independent queries that each fix (fix,) counts for.
 
-        Together they count for as many as there are `blocks`, of which `unseen_share` are unseen.
+        All fixes together count for as many queries as there are `blocks`, and the unseen fixes for
+        the share `unseen_share` of them.
         """
         share = np.where(self.unseen, unseen_share, 1 - unseen_share)
         unseen_count = max(self.unseen.sum(), 1)
@@ -219,17 +220,16 @@ class FixEvidence(Generic[FixT_co]):
         )
 
     def judged(self, judge: Judge) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """The error probabilities (fix, claim) in the fixes, and which claims are true."""
+        """The error probability (fix, claim) of each claim, and whether the claim is true."""
         error_probabilities = np.ones((len(self.fixes), len(CLAIMS)))
         ground_truths = np.zeros(error_probabilities.shape, bool)
         for row, (fix, world_T_true) in enumerate(zip(self.fixes, self.world_T_true, strict=True)):
             ordered = fix.ordered(judge.pose)
-            error_probabilities[row] = judge.error_probabilities(ordered).astype(
-                np.float32
-            )  # as artifacts hold them
+            # rounded to float32, as in artifacts
+            error_probabilities[row] = judge.error_probabilities(ordered).astype(np.float32)
             if fix.hypotheses:
                 is_right, is_near = judge.tolerances.right_and_near(ordered, world_T_true)
-                ground_truths[row] = is_right[0], is_near[0], is_right[_named(ordered)].any()
+                ground_truths[row] = is_right[0], is_near[0], is_right[_reported(ordered)].any()
         return error_probabilities, ground_truths
 
     def thresholds(self, judge: Judge, unseen_share: float) -> ClaimThresholds:
@@ -237,28 +237,28 @@ class FixEvidence(Generic[FixT_co]):
         is rejected.
 
         1. Take the largest error probability at which the evidence reaches the target precision,
-           and would keep it if one more accepted query had been wrong: so the target precision .99
-           takes 99 independent accepted queries. That bounds the risk of a further query, as in
-           conformal prediction (Angelopoulos et al., Conformal Risk Control, ICLR 2024). If no
-           error probability reaches the target precision, accept nothing.
-        2. Move it to the middle of the gap, in log-odds, to the next query that would break it.
-        3. Cut it off at the `largest_multiple` of the share of wrong ones that the target precision
-           allows: if much larger error probabilities are accepted on this day, a later day may
-           misses the target precision.
+           even if one more accepted query had been wrong: so a target precision of .99 takes 99
+           independent accepted queries. This bounds the risk of a further query, as in conformal
+           prediction (Angelopoulos et al., Conformal Risk Control, ICLR 2024). If no error
+           probability reaches the target precision, accept nothing.
+        2. Move the threshold to the middle, in log-odds, of the gap before the next query, which
+           would break the target precision.
+        3. Limit it to `largest_multiple` times one minus the target precision: if claims of much
+           larger error probabilities are accepted, a later day may miss the target precision.
         """
-        all_error_probabilities, all_true = self.judged(judge)
+        error_probabilities, is_true = self.judged(judge)
         weight = self.weight(unseen_share)
         thresholds = {}
-        for claim, error_probabilities, true in zip(
-            CLAIMS, all_error_probabilities.T, all_true.T, strict=True
+        for claim, of_claim, is_true_of_claim in zip(
+            CLAIMS, error_probabilities.T, is_true.T, strict=True
         ):
             edges = [
-                threshold_for(target_precision, error_probabilities, true, weight, 1.0)
+                threshold_for(target_precision, of_claim, is_true_of_claim, weight, 1.0)
                 for target_precision in TARGET_PRECISIONS
             ]
             thresholds[claim] = tuple(
                 min(
-                    middle(error_probabilities, edge),
+                    middle(of_claim, edge),
                     judge.tolerances.largest_multiple * (1 - target_precision),
                 )
                 for target_precision, edge in zip(TARGET_PRECISIONS, edges, strict=True)
@@ -266,7 +266,7 @@ class FixEvidence(Generic[FixT_co]):
         return thresholds
 
     def verdict(self, unseen_share: float) -> Verdict:
-        """The verdict on fixes of 3-D scans, learned from these."""
+        """The verdict on fixes of 3-D scans, learned from this evidence."""
         judge = self.learned(unseen_share)
         thresholds = self.thresholds(judge, unseen_share)
         return Verdict(
@@ -275,10 +275,9 @@ class FixEvidence(Generic[FixT_co]):
 
 
 def middle(error_probabilities: NDArray[np.float64], threshold: float) -> float:
-    """Move a threshold to the middle, in log-odds, of the gap between error probabilities (n,) that
-    it lies in.
+    """Move a threshold to the middle, in log-odds, of its gap between error probabilities (n,).
 
-    A threshold below or above all of them stays.
+    A threshold below or above all error probabilities is returned unchanged.
     """
     above = error_probabilities[error_probabilities >= threshold]
     below = error_probabilities[error_probabilities < threshold]
@@ -290,6 +289,6 @@ def middle(error_probabilities: NDArray[np.float64], threshold: float) -> float:
     return float(expit((logit(lower) + logit(upper)) / 2))
 
 
-def _named(fix: AnyFix) -> list[int]:
-    """The indices of the SEVERAL hypotheses to name: the likeliest, and runners-up elsewhere."""
+def _reported(fix: AnyFix) -> list[int]:
+    """The indices of the SEVERAL reported hypotheses: the likeliest, and runners-up elsewhere."""
     return [0, *fix.elsewhere[: SEVERAL - 1]]

@@ -1,8 +1,8 @@
 """Verification: which walls a query and a submap share, and which they contradict (METHODS 9.4).
 
-In: a query and a training submap, both with the points that their sensors met and the space that
-they saw through, and the query's pose in the submap's frame. Out: an `Agreement`: shares of their
-walls. A `ScanFix` compares poses by them.
+In: a query and a training submap, each with the points that its sensor hit and the space that it
+saw through, and the query's pose in the submap's frame. Out: an `Agreement`, shares of their walls,
+by which a `ScanFix` compares poses.
 """
 
 from dataclasses import dataclass
@@ -20,17 +20,17 @@ from pipeline.posing.walls import SEEN_THROUGH, Chart, Walls, cell_numbers
 class Agreement:
     """How well a query at a pose agrees with a training submap: shares from 0 to 1.
 
-    Only points of walls count, which are all things well above the ground: ground fits ground at
-    any pose. Each upright column of such points counts once, so that a long high wall does not
-    outvote the trees by which it can be distinguished from other walls.
+    Only points of walls count, that is, of all objects well above the ground: ground fits ground at
+    any pose. Each upright column of wall points counts once, so that a long high wall does not
+    outvote the trees that distinguish it from other walls.
 
-    A sensor contradicts a wall if it saw through where the wall is. A wall that was hidden from the
-    sensor is neither shared nor contradicted.
+    A sensor contradicts a wall if it saw through the wall's position. A wall that was hidden from
+    the sensor is neither shared nor contradicted.
     """
 
     overlap: float
-    """Share of the query's walls that the submap has too, and of the submap's that the query has
-    too: the mean of both."""
+    """The mean of two shares: of the query's walls that the submap has too, and of the submap's
+    walls that the query has too."""
     structure: float
     """Share of the query's walls that the submap has, among those that it has or contradicts; 0 if
     there are none."""
@@ -46,18 +46,18 @@ class Agreement:
 
 @dataclass(frozen=True)
 class Seen:
-    """What a sensor met, and what it saw through."""
+    """What a sensor hit, and what it saw through."""
 
     cloud: Cloud
-    """The points that it met."""
+    """The points that the sensor hit."""
     chart: Chart
     """The cells, from above, that have walls or were seen through."""
     walls_m: Points
-    """(n, 3) points of walls among a sample of the cloud, within range."""
+    """(n, 3) the points of walls within range, among a sample of the cloud."""
 
     @classmethod
     def of(cls, walls: Walls, cloud: Cloud, chart: Chart) -> Self:
-        """Choose the wall points of a cloud that has this chart."""
+        """What a sensor saw, from its cloud and chart."""
         return cls(cloud, chart, walls.of(cloud.sample_m))
 
 
@@ -68,9 +68,9 @@ def agreement(
     query: Seen,
     target_T_query: NDArray[np.float64],
 ) -> Agreement:
-    """How the query, at a pose (4, 4) in the target's frame, agrees with the target.
+    """How well the query, at a pose (4, 4) in the target's frame, agrees with the target.
 
-    Each of the two has a wall point of the other if it has a point nearer than `inlier_m` to it.
+    Either of them has a wall point of the other if it has a point nearer to it than `inlier_m`.
     """
     query_walls_m = transformed(target_T_query, query.walls_m)  # in the target's frame
     in_target, structure = _shares(walls, inlier_m, target, query_walls_m)
@@ -81,28 +81,28 @@ def agreement(
 
 
 def _shares(walls: Walls, inlier_m: float, seen: Seen, walls_m: Points) -> tuple[float, float]:
-    """Two shares of wall points (n, 3), in a sensor's frame, that the sensor met.
+    """Two shares of wall points (n, 3), in a sensor's frame, that the sensor hit.
 
-    The first is among all points; the second among those that it met or contradicts, since it saw
-    through where they are.
+    The first is the share of all points, the second the share of the points that the sensor hit or
+    contradicts, having seen through their positions.
     """
     if not len(walls_m):
         return 0.0, 0.0
     _, away_m = seen.cloud.nearest(walls_m)
-    is_met = away_m < inlier_m
+    is_hit = away_m < inlier_m
     cells = np.floor(walls_m[:, :2] / walls.cell_m).astype(np.int64) + walls.half_width_cells
     is_inside = ((cells >= 0) & (cells < seen.chart.shape[1])).all(axis=1)
     is_contradicted = np.zeros(len(walls_m), bool)
     is_contradicted[is_inside] = seen.chart[0][tuple(cells[is_inside].T)] == SEEN_THROUGH
-    is_decided = is_met | is_contradicted
+    is_decided = is_hit | is_contradicted
     weight = _column_weights(cells)
-    met_weight = weight[is_met].sum()
-    among_all = float(met_weight / weight.sum())
-    among_decided = float(met_weight / weight[is_decided].sum()) if is_decided.any() else 0.0
+    hit_weight = weight[is_hit].sum()
+    among_all = float(hit_weight / weight.sum())
+    among_decided = float(hit_weight / weight[is_decided].sum()) if is_decided.any() else 0.0
     return among_all, among_decided
 
 
 def _column_weights(cells: NDArray[np.int64]) -> NDArray[np.float64]:
-    """The weight (n,) of points in cells (n, 2), so that the points of a cell weigh 1 together."""
+    """The weight (n,) of each point, by its cell (n, 2): the points of a cell add up to 1."""
     _, column, count = np.unique(cell_numbers(cells), return_inverse=True, return_counts=True)
     return np.asarray(1.0 / count[column])

@@ -6,9 +6,9 @@ fit best, and how well. This is scan matching after Olson, ICRA 2009:
 1. Choose the points of walls: those at some height above the ground.
 2. Draw a submap's walls from above as a chart, whose cells are a wall, beside a wall, seen through
    by the sensor, or unknown.
-3. Lay the query's walls on the chart at many headings and offsets. A wall on a wall raises the
+3. Place the query's walls on the chart at many headings and offsets. A wall on a wall raises the
    score, a wall where the map saw through lowers it, and a wall that was hidden from the map does
-   neither. An upper bound tells which offsets are worth computing.
+   neither. An upper bound shows which offsets are worth computing.
 """
 
 from dataclasses import dataclass
@@ -32,10 +32,10 @@ BESIDE = 1
 SEEN_THROUGH = -1
 BLOCK = 4
 """Offsets along each side of a block, which share one bound."""
-PROMISING = 24
-"""Largest number of blocks of offsets that are computed; more is slower, but nearer to exact."""
+MOST_BLOCKS = 24
+"""Largest number of blocks of offsets that are computed; more take longer and miss less."""
 SECTORS = 180
-"""Number of directions in which the first wall is looked for."""
+"""Number of directions in which the first wall is searched for."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,8 @@ class Match:
     """The pose at which a query fits a chart best."""
 
     score: float
-    """Mean over the cells of the query's walls: 1 on a wall of the chart, .5 beside one, −.5 where
-    the map saw through, 0 where it knows nothing."""
+    """Mean over the cells of the query's walls: 1 on a wall of the chart, .5 beside a wall, −.5
+    where the map saw through, 0 where the chart is unknown."""
     target_T_query: NDArray[np.float64]
     """(4, 4) the pose: a turn about z and a step in the plane."""
 
@@ -55,19 +55,20 @@ class Walls:
     """How charts are drawn and searched."""
 
     low_m: float = 1.0
-    """Points between these heights above the ground are walls: lower ones are cars and people."""
+    """Points between `low_m` and `high_m` above the ground are walls: lower points are of cars and
+    people."""
     high_m: float = 8.0
     cell_m: Positive = 1.0
     """Side of a chart's cells."""
     range_m: Positive = 40.0
     """Walls farther from the robot than this are left out."""
     headings: Count = 120
-    """Number of headings that are tried, evenly around the circle."""
+    """Number of headings that are tried, evenly spaced around the circle."""
     offset_m: Positive = 6.0
-    """Offsets from the training anchor are tried up to this, along x and y."""
+    """Largest offset from the training anchor that is tried, along x and y."""
     margin_m: NotNegative = 2.0
-    """A cell counts as seen through if it lies at least this much nearer than the first wall in its
-    direction."""
+    """A cell counts as seen through if it is nearer than the first wall in its direction by at
+    least this."""
 
     def __post_init__(self) -> None:
         if not self.high_m > self.low_m:
@@ -77,12 +78,12 @@ class Walls:
 
     @property
     def half_width_cells(self) -> int:
-        """Cells from a chart's middle to its border; no wall of a shifted query is beyond it."""
+        """Cells from a chart's centre to its border; no wall of a shifted query lies beyond."""
         return int(np.ceil(self.range_m / self.cell_m)) + self.offset_cells + BLOCK
 
     @property
     def offset_cells(self) -> int:
-        """Largest shift of a query to each side, in cells."""
+        """Largest offset of a query to each side, in cells."""
         return int(np.ceil(self.offset_m / self.cell_m))
 
     def of(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -109,7 +110,7 @@ class Walls:
         return np.asarray(cells + self.half_width_cells)
 
     def middles(self, walls_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The middles (n, 2), in cells, of the cells that walls (m, 3) lie in."""
+        """The centres (n, 2), in cells, of the cells with walls (m, 3); each cell once."""
         cells = np.floor(walls_m[:, :2] / self.cell_m).astype(np.int64)
         _, first = np.unique(cell_numbers(cells), return_index=True)
         return np.asarray(cells[first] + 0.5, np.float64)
@@ -119,8 +120,8 @@ class Walls:
     ) -> NDArray[np.float64]:
         """How well walls, turned by a heading in radians, fit a chart at each offset.
 
-        The walls are given by their `middles` (n, 2). Returns scores (offset along x, offset along
-        y) as in `Match`, for offsets from −offset_cells to offset_cells.
+        The walls are given by their `middles` (n, 2). Returns the scores, defined as in `Match`,
+        of shape (offset along x, offset along y), for offsets from −offset_cells to offset_cells.
         """
         cells = np.floor(middles @ _transposed_rotation(heading)).astype(np.int64)
         sums = _sums(chart[0], cells + self.half_width_cells, self.offset_cells)
@@ -129,7 +130,7 @@ class Walls:
     def match(self, chart: Chart, cells_at_headings: NDArray[np.int64]) -> Match:
         """The heading and offset at which the cells of a query (heading, n, 2) fit a chart best.
 
-        The search stops early, so that it may miss a slightly better one.
+        The search may stop early, and then miss a slightly better pose.
         """
         pose = np.eye(4)
         if not cells_at_headings.shape[1]:
@@ -142,7 +143,7 @@ class Walls:
 
 
 def cell_numbers(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """A number (n,) for each cell (n, 2), rising by row: `np.unique` is slow on pairs."""
+    """A number (n,) for each cell (n, 2), increasing by row: `np.unique` is slow on pairs."""
     if not len(cells):
         return np.empty(0, np.int64)
     rows, columns = (cells - cells.min(axis=0)).T
@@ -221,8 +222,8 @@ def _search(charts, cells_at_headings, offset_cells):  # type: ignore[no-untyped
 
     Returns that sum, its heading (an index), and its offset along x and y in cells. The chart's
     second layer bounds the sums in a block of offsets. Blocks are computed in order of their
-    bounds, until no bound exceeds the best sum: then it is the highest of all. Or until PROMISING
-    blocks are computed: then it may not be.
+    bounds, until no bound exceeds the best sum, which is then the highest of all, or until
+    MOST_BLOCKS blocks are computed; then a higher sum may be missed.
     """
     chart, block_maxima = charts
     offsets = 2 * offset_cells + 1
@@ -236,13 +237,13 @@ def _search(charts, cells_at_headings, offset_cells):  # type: ignore[no-untyped
             for a in range(blocks_per_side):
                 for b in range(blocks_per_side):
                     bounds[heading, a, b] += block_maxima[x + a * BLOCK, y + b * BLOCK]
-    # The sums in the most promising blocks.
+    # The sums in the blocks of the highest bounds.
     best = -(2**31)  # below any sum
     best_heading = 0
     best_x = 0
     best_y = 0
     sums = np.empty((BLOCK, BLOCK), np.int32)
-    for block in np.argsort(-bounds.ravel(), kind="mergesort")[:PROMISING]:
+    for block in np.argsort(-bounds.ravel(), kind="mergesort")[:MOST_BLOCKS]:
         # The inverse of ravel: block = (heading * blocks_per_side + row) * blocks_per_side + column
         column = block % blocks_per_side
         row = block // blocks_per_side % blocks_per_side

@@ -1,10 +1,10 @@
-"""Estimates the poses of a drive from its scans alone, as `yearloc slam` and the stage `slam` do.
+"""Estimates the poses of a drive from its scans, for `yearloc slam` and the stage `slam`.
 
-A log without poses goes in, an `Estimates` artifact comes out (METHODS 12):
+In: a log without poses. Out: an `Estimates` artifact (METHODS 12). The steps:
 
 1. Odometry aligns each scan with those before it (odometry.py).
 2. Some scans, one every few metres, become keys (keys.py).
-3. Loops join keys that show one place (loops.py).
+3. Loops join keys at the same place (loops.py).
 4. A graph of keys finds the poses that fit odometry and loops best (graph.py).
 5. The poses of the keys are carried over to the scans between them.
 """
@@ -27,11 +27,11 @@ from pipeline.slam.loops import Loop, LoopSearch
 from pipeline.slam.odometry import LYING_NORMAL_Z, ScanOdometry, Track
 
 LOOKED_AT = 5
-"""So many scans of a log, evenly spread, are looked at before the work begins."""
+"""Number of scans of a log, evenly spread, that are checked before the estimation starts."""
 FARTHEST_M = 500.0
-"""Points whose median distance is over this are taken for millimetres: no LiDAR sees so far."""
+"""Points of a larger median distance are taken to be in millimetres: no LiDAR sees this far."""
 FEWEST_LYING = 10
-"""The ground's normal is unknown where fewer voxels around a key lie flat."""
+"""The ground's normal is unknown if fewer voxels around a key lie flat."""
 NO_SCANS = np.empty(0, np.int64)
 
 
@@ -43,12 +43,12 @@ class Slam:
     loops: LoopSearch = field(default_factory=LoopSearch)
     graph: DriveGraph = field(default_factory=DriveGraph)
     use_log_odometry: bool = True
-    """Whether each step is first guessed by the log's own odometry, where it has some."""
+    """Whether the first guess of each step is that of the log's own odometry, if it has any."""
 
     def estimate(self, log: Log, watch: Progress) -> Estimates:
-        """The poses of a log, in a world that begins at its first scan, z up from the ground.
+        """The poses of a log, in a world whose origin is its first scan, z up from the ground.
 
-        Raises LogError for scans that no pose can come of, ConfigError where gtsam is missing.
+        Raises LogError for scans that cannot be registered, NotInstalledError without gtsam.
         """
         track, keys = self.tracked(log, watch)
         loops = self.loops.within(keys, track.usual_overlap, watch)
@@ -58,7 +58,7 @@ class Slam:
     def tracked(self, log: Log, watch: Progress) -> tuple[Track, Keys]:
         """The odometry of a log by registration, and its keys.
 
-        Raises LogError and ConfigError as `estimate` does.
+        Raises the same errors as `estimate`.
         """
         imported_gtsam()  # if gtsam is missing, say so before the odometry, which takes minutes
         refuse_unusable(log)
@@ -86,7 +86,7 @@ class Slam:
 
 
 def refuse_unusable(log: Log) -> None:
-    """Raise LogError for scans that no pose can come of: level sweeps, points in millimetres."""
+    """Raise LogError for scans that cannot be registered: level sweeps, points in millimetres."""
     count = len(log.stamps_ns)
     spread_rows = np.unique(np.linspace(0, count - 1, LOOKED_AT).astype(int))
     clouds_m = []
@@ -114,7 +114,7 @@ def refuse_unusable(log: Log) -> None:
 def ground_normals(keys: Keys) -> NDArray[np.float64]:
     """The upward normal (k, 3) of the ground around each key, in the key's frame.
 
-    It is NaN where too little of the ground is seen.
+    It is NaN if too little of the ground is seen.
     """
     registration = Registration()
     normals = np.full((len(keys.rows), 3), np.nan)
@@ -128,8 +128,8 @@ def ground_normals(keys: Keys) -> NDArray[np.float64]:
 
 
 def _median_upward_normal(cloud: Cloud) -> NDArray[np.float64]:
-    """The median normal (3,) of the voxels of a cloud that lie flat; NaN where these are few."""
-    # a normal's sign is arbitrary: turn all upwards
+    """The median normal (3,) of the voxels of a cloud that lie flat; NaN if there are too few."""
+    # the sign of a normal is arbitrary: turn all normals upwards
     upward = cloud.normals * np.where(cloud.normals[:, 2:] < 0, -1.0, 1.0)
     flat_normals = upward[upward[:, 2] > LYING_NORMAL_Z]
     if len(flat_normals) < FEWEST_LYING:
@@ -147,10 +147,10 @@ def estimated(
     reason: str = "in a part of the drive that no loop joins with the longest",
     fixed: NDArray[np.int64] = NO_SCANS,
 ) -> Estimates:
-    """The estimate for all scans of a log, from the poses that the graph gave its keys.
+    """The estimate for all scans of a log, from the poses of its keys by the graph.
 
     `reason` says why a scan with odometry may have no pose. `fixed` (m,) are the rows of the scans
-    that were found on a map.
+    that were located on a map.
     """
     world_T_scan = spread_over_scans(keys, solution.world_T_key, track.odom_T_scan)
     skipped = dict(track.skipped)
@@ -177,5 +177,5 @@ def estimated(
 
 
 def without_ground_truth(log: Log) -> Log:
-    """The same log, but all of its true poses NaN."""
+    """The same log, with NaN for all of its true poses."""
     return replace(log, world_T_scan=np.full_like(log.world_T_scan, np.nan))

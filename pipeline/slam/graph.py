@@ -1,13 +1,14 @@
 """The graph of a drive: the poses of its keys that fit odometry, loops and the ground best.
 
-Keys (keys.py) and loops (loops.py) go in, a `Solution` comes out: a pose in the world for each key
+In: keys (keys.py) and loops (loops.py). Out: a `Solution`, a pose in the world for each key
 (METHODS 12.3). `spread_over_scans` then carries these poses over to all scans of the drive.
 
-1. Find the keys that odometry and loops connect; without fixes on a map, of the longest part.
-2. Guess their poses: each part of the drive by odometry, placed beside the others by a loop.
-3. Add a factor for each step of odometry, for the ground now and then, for each loop, each fix.
+1. Find the keys that odometry and loops connect with a fix on a map or, without fixes, the largest
+   set of connected keys.
+2. Guess their poses: by odometry within a part of the drive, and by a loop from part to part.
+3. Add a factor for each step of odometry, each loop and each fix, and for the ground at intervals.
 4. Optimise all poses at once (pipeline/paths/pose_graph.py).
-5. Compare the loops with the result: those that it contradicts are overruled.
+5. Compare the loops with the result: loops that contradict it are overruled.
 """
 
 from collections.abc import Sequence
@@ -25,15 +26,15 @@ from pipeline.slam.keys import Keys
 from pipeline.slam.loops import Loop
 
 OVERRULED_WEIGHT = 0.1
-"""A loop is overruled where its weight in Cauchy's robust loss falls below this."""
+"""A loop is overruled if its weight in Cauchy's robust loss falls below this."""
 FIRST_SDS = np.array([0.1, 0.1, 1e-4, 1e-4, 1e-4, 1e-4])
-"""Without a map the first key stays where odometry has it, within these standard deviations of
-roll, pitch, yaw in radians and x, y, z in metres: only the ground may tilt it."""
+"""Without a map the first key has a prior at its pose by odometry, with these standard deviations
+of roll, pitch, yaw in radians and x, y, z in metres: only the ground may tilt it."""
 
 
 @dataclass(frozen=True)
 class KeyFix:
-    """A key of a drive that was found on a map, and its pose there."""
+    """A key of a drive that was located on a map, and its pose there."""
 
     key: int
     world_T_key: Poses
@@ -47,43 +48,46 @@ class Solution:
     """The poses of k keys, and how the loops agree with them."""
 
     world_T_key: Poses
-    """(k, 4, 4); NaN for a key that nothing joins with the longest part, or with the map."""
+    """(k, 4, 4) poses; NaN for a key that is connected neither with the longest part nor with the
+    map."""
     residual_m: NDArray[np.float64]
-    """(loop,) how far each loop's pose lies from the result; NaN for a loop of keys without one."""
+    """(loop,) distance between each loop's pose and the result; NaN for a loop whose keys have no
+    pose."""
     residual_deg: NDArray[np.float64]
-    """(loop,) how far each loop's pose is turned from the result, likewise."""
+    """(loop,) turn between each loop's pose and the result; NaN for the same loops."""
     used: NDArray[np.bool_]
-    """(loop,) False where the result overrules the loop."""
+    """(loop,) False for a loop that the result overrules."""
 
 
 @dataclass(frozen=True)
 @checked("graph")
 class DriveGraph:
-    """Optimises the poses of all keys at once, by how sure odometry, loops and ground are.
+    """Optimises the poses of all keys at once, by the deviations of odometry, loops and ground.
 
     Deviations are standard deviations (conf/slam.yaml).
     """
 
     step: Positive = 0.01
     step_m: Positive = 0.05
-    """The position after a step deviates by this share of its length, and by so many metres."""
+    """Deviation of the position after a step: this share of the step's length, plus `step_m`."""
     turn_deg_per_m: Positive = 0.05
     turn_deg: Positive = 0.2
-    """The heading after a step deviates by so much for each metre of its length, and by so much."""
+    """Deviation of the heading after a step: `turn_deg_per_m` times the step's length, plus
+    `turn_deg`."""
     tilt: Positive = 0.15
-    """Roll and pitch deviate by this share of the heading: the ground all around makes them surer.
-    """
+    """Deviation of roll and pitch, as a share of the heading's: the ground all around makes them
+    more certain."""
     by_log: Positive = 5.0
-    """Where a step is the log's odometry, its deviations are so many times as large."""
+    """Factor of the deviations of a step that is the log's odometry."""
     loop_m: Positive = 0.1
     loop_deg: Positive = 0.5
-    """A loop or a fix deviates by these besides its own covariance."""
+    """Deviations of a loop or a fix, added to its own covariance."""
     outlier: Positive = 2.0
     """A loop or a fix that is off by more deviations than this loses weight (Cauchy's loss)."""
     level_deg: Positive = 3.0
-    """The ground around the vehicle deviates from level by this, since there are hills."""
+    """Deviation of the ground around the vehicle from level, since there are hills."""
     level_m: Positive = 50.0
-    """The ground is taken for level once in so much path, since a hill is long."""
+    """Path between two factors for level ground, since a hill is long."""
 
     def solve(
         self,
@@ -93,11 +97,11 @@ class DriveGraph:
         ground_normals: NDArray[np.float64],
         fixes: Sequence[KeyFix] = (),
     ) -> Solution:
-        """Optimise the longest part of a drive that loops connect, or the parts with fixes.
+        """Optimise the largest set of keys that loops connect, or the keys connected with fixes.
 
         `by_log` (k,) is True where the step to a key is the log's odometry; `ground_normals` (k, 3)
         is the ground's normal in each key's frame, NaN where unknown. With fixes the poses are in
-        the world of their map, and parts that no fix joins with it have none.
+        the world of their map, and parts of the drive without a fix have no poses.
         """
         is_member = _connected(keys, loops, fixes)
         members = np.flatnonzero(is_member)
@@ -146,7 +150,7 @@ class DriveGraph:
         members: NDArray[np.int64],
         ground_normals: NDArray[np.float64],
     ) -> None:
-        """Add that the ground is level: a factor for a key in every `level_m` of path."""
+        """Add that the ground is level: a factor for one key in every `level_m` of path."""
         last_m = -np.inf
         for key in members.tolist():
             is_known = np.isfinite(ground_normals[key]).all()
@@ -154,17 +158,17 @@ class DriveGraph:
                 last_m = float(keys.path_m[key])
                 graph.level(key, ground_normals[key], self.level_deg)
 
-    def _noise(self, graph: PoseGraph, held: Loop | KeyFix) -> Any:
-        """The noise of a loop or a fix."""
-        return graph.robust(held.covariance, self.loop_deg, self.loop_m, self.outlier)
+    def _noise(self, graph: PoseGraph, constraint: Loop | KeyFix) -> Any:
+        """The noise model of a loop or a fix."""
+        return graph.robust(constraint.covariance, self.loop_deg, self.loop_m, self.outlier)
 
     def _solution(self, world_T_key: Poses, loops: list[Loop]) -> Solution:
-        """Compare the loops with the poses (k, 4, 4) that were found."""
+        """Compare the loops with the optimised poses (k, 4, 4)."""
         residual_m = np.full(len(loops), np.nan)
         residual_deg = np.full(len(loops), np.nan)
         used = np.zeros(len(loops), bool)
         for number, loop in enumerate(loops):
-            # how far the loop is off in its deviations, and the weight that Cauchy's loss gives it
+            # how many deviations the loop is off, and its weight by Cauchy's loss
             by_loop = world_T_key[loop.key] @ loop.key_T_later
             by_graph = world_T_key[loop.later]
             if not np.isfinite([by_loop, by_graph]).all():
@@ -184,13 +188,13 @@ class DriveGraph:
 def spread_over_scans(keys: Keys, world_T_key: Poses, odom_T_scan: Poses) -> Poses:
     """The poses (n, 4, 4) of all scans of a log, from those of its keys.
 
-    Between two keys, the motion that the graph adds to odometry is interpolated by the number of
-    the scan. A scan has no pose (NaN) where its part has none. `odom_T_scan` (n, 4, 4) is the
-    track's; it and the result are of the log's own frame, in which the ground is not at z = 0.
+    Between two keys, the correction of the odometry by the graph is interpolated by the number of
+    the scan. A scan has no pose (NaN) if its part has none. `odom_T_scan` (n, 4, 4) is the track's;
+    it and the result are poses of the log's own frame, in which the ground is not at z = 0.
     """
     odom_T_raised = lifted(odom_T_scan, keys.lift_m)
     world_T_odom = world_T_key @ np.linalg.inv(keys.odom_T_key)
-    # the keys before and after each scan, and how far it is from the one to the other
+    # the keys before and after each scan, and its share of the way from the first to the second
     scans = np.arange(len(odom_T_scan))
     key_before = np.searchsorted(keys.rows, scans, side="right") - 1
     key_before = key_before.clip(0)
@@ -213,9 +217,9 @@ def spread_over_scans(keys: Keys, world_T_key: Poses, odom_T_scan: Poses) -> Pos
 
 
 def _connected(keys: Keys, loops: list[Loop], fixes: Sequence[KeyFix]) -> NDArray[np.bool_]:
-    """Which keys (k,) loops connect with a fix; without fixes the most that are connected."""
+    """The keys (k,) that loops connect with a fix; without fixes the largest connected set."""
     group = keys.parts.copy()
-    for loop in loops:  # a loop makes the groups of its two keys one
+    for loop in loops:  # a loop merges the groups of its two keys
         group[group == group[loop.later]] = group[loop.key]
     if fixes:
         fixed_groups = {int(group[fix.key]) for fix in fixes}
@@ -226,7 +230,7 @@ def _connected(keys: Keys, loops: list[Loop], fixes: Sequence[KeyFix]) -> NDArra
 def _start(
     keys: Keys, loops: list[Loop], members: NDArray[np.int64], fixes: Sequence[KeyFix]
 ) -> Poses:
-    """First guesses (k, 4, 4): each part by its odometry, placed by a fix or by a loop."""
+    """First guesses (k, 4, 4) of all keys: each part by its odometry, placed by a fix or a loop."""
     start = keys.odom_T_key.copy()
     placed_parts: set[int] = set()
 
@@ -244,7 +248,7 @@ def _start(
         placed_parts.add(int(keys.parts[members[0]]))
 
     joins: list[tuple[int, int, Poses]] = []
-    for loop in loops:  # both ways: a key, another key, and that one's pose in the frame of the key
+    for loop in loops:  # in both directions: a key, another key, and the other's pose in its frame
         joins.append((loop.key, loop.later, loop.key_T_later))
         joins.append((loop.later, loop.key, np.asarray(np.linalg.inv(loop.key_T_later))))
     member_parts = set(keys.parts[members].tolist())

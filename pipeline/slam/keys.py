@@ -1,7 +1,7 @@
-"""Keys: the scans of a drive, one every few metres, that loops and the graph are made of.
+"""Keys: the scans of a drive, one every few metres, that loops and the graph join (keyframes).
 
-A log and its odometry (`Track`) go in. Of each key comes out what the later steps of `yearloc slam`
-need (METHODS 12): its pose by odometry, its thinned points, and its Scan Context.
+In: a log and its odometry (`Track`). Out: for each key its pose by odometry, its thinned points and
+its Scan Context, for the later steps of `yearloc slam` (METHODS 12).
 """
 
 from collections.abc import Sequence
@@ -25,9 +25,9 @@ from pipeline.slam.odometry import Track
 from pipeline.views.scan_context import ScanContext
 
 LOOKED_AT = 9
-"""The height of the ground is estimated from so many keys, evenly spread."""
+"""Number of keys, evenly spread, from which the height of the ground is estimated."""
 NEAR_M = 15.0
-"""The vehicle's tilt is judged by the ground within this distance (drive.py)."""
+"""The vehicle's tilt is estimated from the ground within this distance (drive.py)."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,9 @@ class Keys:
     rows: NDArray[np.int64]
     """(k,) the row of each key's scan in the log."""
     parts: NDArray[np.int64]
-    """(k,) the part of the drive that each key is in: odometry does not join two parts."""
+    """(k,) the number of each key's part of the drive; odometry breaks between two parts."""
     path_m: NDArray[np.float64]
-    """(k,) metres of path driven until each key."""
+    """(k,) length of the path up to each key."""
     odom_T_key: Poses
     """(k, 4, 4) pose of each key by odometry, in the frame of its part."""
     heights_m: NDArray[np.float32]
@@ -49,7 +49,7 @@ class Keys:
     offsets: NDArray[np.int64]
     """(k + 1,) key i has points[offsets[i]:offsets[i + 1]]."""
     lift_m: float
-    """How far the points were raised to bring the ground to z = 0."""
+    """The height added to all points, so that the ground is at z = 0."""
 
     @classmethod
     def read(
@@ -62,10 +62,10 @@ class Keys:
         view: ScanContext,
         watch: Progress,
     ) -> Self:
-        """Choose scans `every_m` or more of path apart, and read them.
+        """Choose one scan in every `every_m` of path, and read these scans.
 
-        Their points are thinned to one a voxel of `voxel_m`, within `range_m`. A scan that cannot
-        be read is left out.
+        Their points within `range_m` are thinned to one a voxel of `voxel_m`. A scan that cannot be
+        read is left out.
         """
         rows, path_m = key_rows(track, every_m)
         lift_m = -ground_m(log, rows)
@@ -94,7 +94,7 @@ class Keys:
         )
 
     def targets(self, world_T_key: Poses, range_m: float) -> Targets:
-        """The keys as submaps to register queries with, standing at poses (k, 4, 4)."""
+        """The keys as submaps for registration, at poses (k, 4, 4)."""
         arrays: dict[str, NDArray[Any]] = {
             "points": self.points,
             "offsets": self.offsets,
@@ -108,14 +108,15 @@ class Keys:
 
     @cached_property
     def spectra(self) -> Spectra:
-        """The Scan Contexts of all keys, transformed so that they are compared fast."""
+        """The Scan Contexts of all keys, transformed for fast comparison."""
         return Spectra.learned(self.heights_m)
 
 
 def key_rows(track: Track, every_m: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """The rows (k,) of the scans that become keys, and the metres of path (k,) until each.
+    """The rows (k,) of the scans that become keys, and the metres of path (k,) up to each.
 
-    The first scan of each part is a key, then one every `every_m` of path. A break adds no path.
+    The first scan of each part is a key, then one scan every `every_m` of path. A break adds no
+    path.
     """
     rows = np.flatnonzero(np.isfinite(track.odom_T_scan).all(axis=(1, 2)))
     parts = track.parts[rows]
@@ -125,7 +126,10 @@ def key_rows(track: Track, every_m: float) -> tuple[NDArray[np.int64], NDArray[n
 
 
 def spaced(parts: NDArray[np.int64], path_m: NDArray[np.float64], every_m: float) -> list[int]:
-    """Of n places along a drive the first of each part (n,), then one every `every_m` of path."""
+    """The rows, of n scans or keys, of the first in each part, then of one every `every_m` of path.
+
+    `parts` and `path_m` are (n,).
+    """
     chosen: list[int] = []
     for row in range(len(parts)):
         if (
@@ -138,7 +142,7 @@ def spaced(parts: NDArray[np.int64], path_m: NDArray[np.float64], every_m: float
 
 
 def ground_m(log: Log, rows: Sequence[int] | NDArray[np.int64]) -> float:
-    """The median z of the ground in a few of the scans `rows`; 0 where none can be read."""
+    """The median z of the ground in a few of the scans `rows`; 0 if none of them can be read."""
     if not len(rows):
         return 0.0
     numbers = np.unique(np.linspace(0, len(rows) - 1, LOOKED_AT).astype(int))

@@ -1,17 +1,18 @@
-"""Loops: pairs of keys at which a drive comes back to a place, by which its drift is found.
+"""Loops: pairs of keys at which a drive comes back to a place; they reveal its drift.
 
-The keys of a drive (keys.py) go in, its loops come out, which the graph joins (METHODS 12.2). For
-one key in every 4 m of path:
+In: the keys of a drive (keys.py). Out: its loops, which become factors of the graph (METHODS 12.2).
+For one key in every 4 m of path:
 
-1. Take the earlier keys that odometry allows it to stand beside. Loops elsewhere are wrong however
-   right they look, and nothing else refuses them.
-2. Of these take the five that look most like it by Scan Context (Kim and Kim, IROS 2018): not by
-   the networks, which are judged on the map that results.
-3. Register the key with them, and with others that look similar, by the search of posing/search.py.
-4. Accept the likeliest pose if the two keys overlap, and if odometry may have drifted so far.
+1. Take the earlier keys that may be near it within the drift of odometry. All other loops are
+   wrong, however well they fit, and no later step would reject them.
+2. Among these, take the five keys most similar by Scan Context (Kim and Kim, IROS 2018). The
+   networks are not used, since they are evaluated on the resulting map.
+3. Register the key with these, and with others of similar walls, by the search of
+   posing/search.py.
+4. Accept the likeliest pose if the two keys overlap, and if odometry may have drifted this far.
 
-Parts of a drive that odometry does not join have no step 1 and no drift: between two of them a loop
-is accepted only if enough others say the same.
+Between two parts of a drive, which odometry does not join, step 1 and the check of the drift are
+impossible: there a loop is accepted only if enough other loops agree with it.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,56 +32,55 @@ from pipeline.slam.odometry import share_standing
 from pipeline.views.scan_context import ScanContext
 
 NEAR_M = 8.0
-"""A scan can be registered with a key if the two were taken no farther apart."""
-
-
+"""Largest distance at which a scan can be registered with a key."""
 Candidate = TypeVar("Candidate")
 
 
 @dataclass(frozen=True)
 class Loop:
-    """Two keys that show one place."""
+    """Two keys at the same place."""
 
     key: int
-    """The earlier one, or one of a map."""
+    """The earlier key, or a key of a map."""
     later: int
-    """The later one."""
+    """The later key."""
     key_T_later: Poses
-    """(4, 4) pose of the later key in the earlier one's frame."""
+    """(4, 4) pose of the later key in the earlier key's frame."""
     covariance: NDArray[np.float64]
-    """(6, 6) of a small turn in radians, then a step in metres, in the later one's frame."""
+    """(6, 6) of a small turn in radians, then a step in metres, in the later key's frame."""
     probability: float
-    """The probability that the pose is right, by the search's own model
-    (posing/probabilities.py)."""
+    """The probability that the pose is right, by the search's model (posing/probabilities.py)."""
 
 
 @dataclass(frozen=True)
 @checked("loops")
 class LoopSearch:
-    """How loops are found (conf/slam.yaml)."""
+    """Finds the loops of a drive (conf/slam.yaml)."""
 
     view: ScanContext = field(default_factory=ScanContext)
+    """Draws the view by which candidates are chosen."""
     fixer: Fixer = field(default_factory=Fixer)
+    """Registers a key with candidates."""
     every_m: Positive = 2.0
-    """A scan becomes a key after so much path."""
+    """Path from one key to the next."""
     asked_m: Positive = 4.0
-    """A key is asked for loops after so much path."""
+    """Path from one key that is searched for loops to the next."""
     back_m: Positive = 50.0
-    """At least so much path lies between the two keys of a loop."""
+    """Least path between the two keys of a loop."""
     nearest: Count = 5
-    """A key is registered with so many candidates of Scan Context."""
+    """Number of candidates by Scan Context that a key is registered with."""
     drift_m: NotNegative = 2.0
     drift: NotNegative = 0.06
-    """Odometry is off by at most `drift_m` and this share of the path between."""
+    """Largest drift of odometry between two keys: `drift_m`, plus this share of the path."""
     turn_deg: NotNegative = 5.0
     turn_deg_per_m: NotNegative = 0.3
-    """The heading of odometry is off by at most `turn_deg` and this much for each metre between."""
+    """Largest drift of the heading: `turn_deg`, plus `turn_deg_per_m` times the path."""
     least: Share = 0.5
-    """The two keys of a loop overlap by at least this share of the drive's usual overlap."""
+    """Least overlap of the two keys of a loop, as a share of the drive's usual overlap."""
     agreeing: Count = 3
-    """Two parts of a drive are joined only by so many loops that agree, or more."""
+    """Least number of agreeing loops that join two parts of a drive."""
     sure: Share = 0.95
-    """A loop between parts, or a fix on a map, has at least this probability to be right."""
+    """Least probability of a loop between two parts, and of a fix on a map."""
     range_m: Positive = 100.0
     """Points farther from a key are left out."""
 
@@ -103,7 +103,7 @@ class LoopSearch:
                 loop = self.loop(keys, key, keys, targets, earlier_parts, usual_overlap)
                 if loop and loop.probability >= self.sure:
                     between_parts.append(loop)
-        # of the loops between two parts, those of which enough agree
+        # of the loops between two parts, keep those that agree with enough others
         return loops + agreeing(
             between_parts,
             lambda loop: (int(keys.parts[loop.key]), int(keys.parts[loop.later])),
@@ -112,11 +112,11 @@ class LoopSearch:
         )
 
     def queries(self, keys: Keys) -> list[int]:
-        """The keys that are asked for loops: one in `asked_m` of path, and the first of a part."""
+        """The keys to search for loops: the first of each part, then one every `asked_m`."""
         return spaced(keys.parts, keys.path_m, self.asked_m)
 
     def within_drift(self, keys: Keys, targets: Targets, key: int) -> NDArray[np.bool_]:
-        """Which earlier keys (k,) of the same part a key may stand beside, by odometry."""
+        """Which earlier keys (k,) of the same part may be near a key, by odometry."""
         between_m = keys.path_m[key] - keys.path_m
         away_m = np.linalg.norm(
             targets.world_T_anchor[:, :2, 3] - targets.world_T_anchor[key, :2, 3], axis=1
@@ -135,9 +135,9 @@ class LoopSearch:
     ) -> Loop | None:
         """The likeliest loop of a key with one of the `allowed` keys (k,) of a drive or a map.
 
-        Scan Context names candidates `among` these keys, and the search registers the key with
-        them; `targets` are the same keys at their poses. Returns None if nothing fits, or the two
-        overlap too little.
+        Scan Context chooses candidates `among` these keys, and the search registers the key with
+        them; `targets` are the same keys at their poses. Returns None if no pose is found, or if
+        the two keys overlap too little.
         """
         rows = np.flatnonzero(allowed)
         if not len(rows):
@@ -166,7 +166,7 @@ class LoopSearch:
         return Loop(best.row, key, key_T_later, best.alignment.covariance, fix.probability)
 
     def _is_drift(self, keys: Keys, loop: Loop) -> bool:
-        """Whether odometry may have drifted as far as a loop says."""
+        """Whether odometry may have drifted as far as a loop implies."""
         by_loop = keys.odom_T_key[loop.key] @ loop.key_T_later
         between_m = keys.path_m[loop.later] - keys.path_m[loop.key]
         return bool(self.drifted(by_loop, keys.odom_T_key[loop.later], between_m))
@@ -174,9 +174,9 @@ class LoopSearch:
     def drifted(
         self, by_odometry: Poses, true: Poses, between_m: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
-        """Whether (n,) odometry may have drifted from the true poses (n, 4, 4) to its own.
+        """Whether (n,) odometry may have drifted from the true poses (n, 4, 4) to its own poses.
 
-        `between_m` (n,) is the path driven meanwhile.
+        `between_m` (n,) is the length of path in between.
         """
         away_m, turn_deg = distance_and_turn(by_odometry, true)
         return np.asarray(
@@ -185,7 +185,7 @@ class LoopSearch:
         )
 
     def _agreeing_with(self, keys: Keys, loop: Loop, loops: list[Loop]) -> NDArray[np.bool_]:
-        """Which loops (n,) between the same two parts agree with one, within odometry's drift."""
+        """Which loops (n,) between the same two parts agree with `loop`, within the drift."""
         earlier_T_part = keys.odom_T_key[loop.key] @ (
             loop.key_T_later @ np.linalg.inv(keys.odom_T_key[loop.later])
         )
@@ -207,8 +207,8 @@ def agreeing(
 ) -> list[Candidate]:
     """Of each group of loops or fixes, the largest set that agrees with one of its members.
 
-    `agrees` says which of a group (n,) agree with a member. A set of less than `fewest` is left
-    out.
+    `group` returns the group of a candidate, and `agrees` which candidates of its group (n,) agree
+    with it. Sets of fewer than `fewest` are left out.
     """
     groups: dict[tuple[int, ...], list[Candidate]] = {}
     for candidate in candidates:

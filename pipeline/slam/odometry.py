@@ -1,16 +1,16 @@
-"""Odometry by registration: where each scan of a drive stands, aligned with those before it.
+"""Odometry by registration: the pose of each scan of a drive, aligned with the scans before it.
 
-A log goes in, a `Track` comes out: the poses of its scans in a frame that begins at the first one
-(METHODS 12.1). Loops and a graph (loops.py, graph.py) then take away its drift. For each scan:
+In: a log. Out: a `Track`, the poses of its scans in a frame that starts at the first scan (METHODS
+12.1). Loops and a graph (loops.py, graph.py) then correct its drift. For each scan:
 
 1. Move its points to its stamp, and thin them to voxels.
 2. Guess the step since the scan before: the log's odometry, or the last step once more.
-3. Align it with the map of the last scans from that guess, by voxelised GICP (Koide et al., ICRA
-   2021, in small_gicp). This finds the nearest minimum, and does not tell if it is the wrong one.
-4. So check the step by the overlap with the scan before. Where that is low for this log, try
-   further guesses and take the one of the most overlap.
-5. Where the scan hardly overlaps with the one before, nor with the one before that, take the step
-   of the log's odometry; where the log has none, break: the odometry starts again at this scan.
+3. Align the scan with the map of the last scans from this guess, by voxelised GICP (Koide et al.,
+   ICRA 2021, in small_gicp). This finds the nearest minimum, which may be the wrong one.
+4. So check the step by the overlap with the scan before. If the overlap is low for this log, try
+   further guesses, and take the one of the largest overlap.
+5. If the scan hardly overlaps with either of the two scans before it, take the step of the log's
+   odometry. If the log has none, the odometry breaks, and starts again at this scan.
 6. Add the scan to the map.
 """
 
@@ -33,28 +33,29 @@ from pipeline.readers.log import Log
 from pipeline.views.scan_context import ScanContext
 
 REMEMBERED_STEPS = 200
-"""The usual overlap is the median over so many of the last steps."""
+"""The usual overlap is the median over this many of the last steps."""
 FIRST_OVERLAP = 0.4
-"""The usual overlap before any step is known."""
+"""The usual overlap before the first step."""
 MOST_FACTOR = 3.0
-"""After a gap the last step is carried on at most so many times."""
+"""After a gap the last step is extended by at most this factor."""
 SKEWED_M = 0.05
 SKEWED_DEG = 0.5
-"""A scan is deskewed once more where its step turns out to be so far from the guess."""
+"""A scan is deskewed once more if its step differs from the guess by more than either of these."""
 TURNS_DEG = (45.0, -45.0, 90.0, -90.0)
-"""Turns to the left that are guessed where nothing better is known."""
+"""Turns to the left that are tried as guesses."""
 REFINED_M = 0.3
 REFINED_DEG = 2.0
-"""Alignment with the map may move the best of several guesses by so much; else the guess stays."""
+"""Alignment with the map may move the best of several guesses by less than these; otherwise the
+guess is kept."""
 WRONG_DEG = 30.0
-"""A step turned by more than this against the log's odometry is refused."""
+"""A step that turns against the log's odometry by more than this is refused."""
 LYING_NORMAL_Z = 0.8
-"""A voxel whose normal has a z of this or more, up or down, is ground or ceiling. Any other stands:
-it is of a wall, a trunk or the like."""
+"""A voxel whose normal has an absolute z of this or more is ground or ceiling. Any other voxel is
+standing: it is of a wall, a trunk or a similar object."""
 FEWEST_STANDING = 30
-"""Where fewer voxels of a scan stand, all of its voxels are compared."""
+"""If a scan has fewer standing voxels, all of its voxels are compared."""
 SAMPLED_VOXELS = 500
-"""About so many voxels of a scan are compared for an overlap."""
+"""Approximate number of voxels of a scan that are compared for an overlap."""
 
 
 @dataclass(frozen=True)
@@ -65,14 +66,14 @@ class Track:
     """(n, 4, 4) poses; they start again at the identity after a break, and are NaN for a scan that
     cannot be registered."""
     overlap: NDArray[np.float64]
-    """(n,) the overlap of each scan with the one before (`share_standing`); NaN for the first scan
-    and for one that cannot be registered."""
+    """(n,) the overlap of each scan with the scan before (`share_standing`); NaN for the first scan
+    and for a scan that cannot be registered."""
     by_log: NDArray[np.bool_]
-    """(n,) True where the step to a scan is the log's odometry, for want of overlap."""
+    """(n,) True where the step to a scan is the log's odometry, since the overlap is too small."""
     breaks: NDArray[np.int64]
-    """(k,) the scans that nothing joins with the one before, where the odometry starts again."""
+    """(k,) the scans that cannot be joined with the scan before; odometry starts again there."""
     skipped: dict[str, int]
-    """How many scans have no pose, by reason."""
+    """The number of scans without a pose, by reason."""
 
     @property
     def parts(self) -> NDArray[np.int64]:
@@ -88,46 +89,47 @@ class Track:
 @dataclass(frozen=True)
 @checked("odometry")
 class ScanOdometry:
-    """Aligns each scan with the voxel map of the last ones (conf/slam.yaml)."""
+    """Aligns each scan with the voxel map of the last scans (conf/slam.yaml)."""
 
     registration: Registration = field(default_factory=Registration)
-    """Thins the scans, and aligns a scan with the one before when several guesses are tried."""
+    """Thins the scans, and aligns a scan with the scan before when several guesses are tried."""
     range_m: Positive = 100.0
     """Points farther from the sensor are left out."""
     map_voxel_m: Positive = 1.0
     """The side of a voxel of the map, which holds one Gaussian."""
     reach_m: Positive = 4.0
-    """A point is paired with a voxel whose mean is at most this far."""
+    """Largest distance between a point and the mean of a voxel that it is paired with."""
     iterations: Count = 30
-    """An alignment ends after so many iterations."""
+    """Largest number of iterations of an alignment."""
     forgotten: Count = 100
-    """The map forgets a voxel that so many scans did not touch, so that memory is bounded."""
+    """The map forgets a voxel that this many scans did not touch, so that memory is bounded."""
     usual: Share = 0.7
-    """Further guesses are tried where the overlap is below this share of the usual one."""
+    """Further guesses are tried if the overlap is below this share of the usual overlap."""
     least: Share = 0.4
-    """Scans do not overlap where the overlap is below this share of the usual one."""
+    """Two scans do not overlap if their overlap is below this share of the usual overlap."""
     trials: Count = 10
-    """At so many first steps all guesses are tried, until a usual overlap is known."""
+    """Number of first steps at which all guesses are tried, until the usual overlap is known."""
 
     def along(self, log: Log, watch: Progress, use_log_odometry: bool = True) -> Track:
         """Register all scans of a log, one after the other.
 
-        Raises LogError where most of them have too few points.
+        Raises LogError if most scans have too few points.
         """
         return _DriveOdometry(self, log, use_log_odometry).run(watch)
 
 
 @dataclass(frozen=True)
 class _Step:
-    """How a scan was found to have moved since the one before."""
+    """The motion of a scan since the scan before."""
 
     cloud: Cloud
     """The scan, deskewed by this motion."""
     last_T_scan: Poses | None
-    """(4, 4) the scan's pose in the frame of the one before; None where nothing joins them."""
+    """(4, 4) the scan's pose in the frame of the scan before; None if they cannot be joined."""
     overlap: float
+    """The overlap with the scan before, or with the one before that if it is larger."""
     is_by_log: bool
-    """Whether the step is the log's odometry, for want of overlap."""
+    """Whether the step is the log's odometry, since the overlap is too small."""
 
 
 class _DriveOdometry:
@@ -145,17 +147,17 @@ class _DriveOdometry:
         self.breaks: list[int] = []
         self.sparse = 0
         self.unreadable = 0
-        # what the next scan is guessed from, aligned with and compared with
+        # what the next scan's guess, alignment and overlap need
         self.map: small_gicp.GaussianVoxelMap
         self.last_row = -1
         self.last_cloud: Cloud
         self.last_step = np.eye(4)
         self.last_step_s = 0.0
-        self.before_last: tuple[Poses, Cloud] | None = None  # its pose and its cloud
+        self.before_last: tuple[Poses, Cloud] | None = None  # pose and cloud
         self.last_overlaps: deque[float] = deque(maxlen=REMEMBERED_STEPS)
 
     def run(self, watch: Progress) -> Track:
-        """Register all scans; raises LogError where most of them have too few points."""
+        """Register all scans; raises LogError if most of them have too few points."""
         count = len(self.log.stamps_ns)
         for row in watch.track(range(count), count, "odometry"):
             cloud = self._cloud(row)
@@ -249,7 +251,7 @@ class _DriveOdometry:
         if self._is_skewed(row, first_guess, last_T_scan):
             cloud = self._cloud(row, last_T_scan) or cloud
             last_T_scan = self._aligned(cloud, last_T_scan)
-        # try further guesses where the overlap is low, or what is usual not yet known
+        # try further guesses if the overlap is low, or the usual overlap not yet known
         overlap = self._overlap(cloud, last_T_scan)
         usual_overlap = float(np.median(self.last_overlaps or FIRST_OVERLAP))
         is_low = overlap < settings.usual * usual_overlap
@@ -258,7 +260,7 @@ class _DriveOdometry:
             if other_overlap > overlap and self._is_allowed(other_step, odometry_step):
                 last_T_scan = other_step
                 overlap = other_overlap
-        # where the scans do not overlap, only the log's odometry can join them
+        # if the scans do not overlap, only the log's odometry can join them
         least_overlap = settings.least * usual_overlap
         if overlap < least_overlap:
             overlap = max(overlap, self._overlap_before_last(cloud, last_T_scan))
@@ -267,17 +269,17 @@ class _DriveOdometry:
         return _Step(cloud, last_T_scan, overlap, is_by_log=False)
 
     def _odometry_step(self, row: int) -> Poses | None:
-        """The step (4, 4) since the scan before by the log's odometry; None where it has none."""
+        """The step (4, 4) since the scan before by the log's odometry; None if it has none."""
         if not self.use_log_odometry:
             return None
         between = self.log.odom_T_scan[self.last_row + 1 : row + 1]
-        if not np.isfinite(between).all():  # a break in between, too, is marked by NaN
+        if not np.isfinite(between).all():  # a break in between is marked by NaN, too
             return None
         step = np.linalg.inv(self.log.odom_T_scan[self.last_row]) @ between[-1]
         return step if np.isfinite(step).all() else None
 
     def _carried_on(self, row: int) -> Poses:
-        """The last step (4, 4) once more, scaled by the time passed, and turned as an IMU says."""
+        """The last step (4, 4) once more, scaled by the elapsed time, and turned as by an IMU."""
         seconds = self._seconds(row)
         step = self.last_step
         if self.last_step_s > 0 and seconds > 0:
@@ -287,11 +289,11 @@ class _DriveOdometry:
         return step if turn_rad is None else turned_by(step, turn_rad)
 
     def _imu_turn_rad(self, row: int) -> float | None:
-        """How far the vehicle turned to its left since the last scan; None without an IMU."""
+        """The angle by which the vehicle turned left since the last scan; None without an IMU."""
         if self.log.heading_rad is None or not self.use_log_odometry:
             return None
         headings_rad = self.log.heading_rad[self.last_row : row + 1]
-        if not np.isfinite(headings_rad).all():  # a gap in between, too, is marked by NaN
+        if not np.isfinite(headings_rad).all():  # a gap in between is marked by NaN, too
             return None
         return float(headings_rad[-1] - headings_rad[0])
 
@@ -300,7 +302,7 @@ class _DriveOdometry:
         return float(self.log.stamps_ns[row] - self.log.stamps_ns[self.last_row]) / 1e9
 
     def _aligned(self, cloud: Cloud, last_T_guess: Poses) -> Poses:
-        """The scan's pose in the frame of the one before, aligned with the map from a guess."""
+        """The scan's pose in the frame of the scan before, aligned with the map from a guess."""
         odom_T_last = self.poses[self.last_row]
         result = small_gicp.align(
             self.map,
@@ -312,19 +314,19 @@ class _DriveOdometry:
         return np.asarray(np.linalg.inv(odom_T_last) @ result.T_target_source)
 
     def _is_skewed(self, row: int, guess: Poses, last_T_scan: Poses) -> bool:
-        """Whether a scan was deskewed by a guess that is far from its step."""
+        """Whether a scan was deskewed by a guess that differs much from its step."""
         if self._is_deskewed_by_log(row) or self.log.times_s(row) is None:
             return False
         away_m, turn_deg = distance_and_turn(guess, last_T_scan)
         return bool(away_m > SKEWED_M or turn_deg > SKEWED_DEG)
 
     def _overlap(self, cloud: Cloud, last_T_scan: Poses) -> float:
-        """The overlap of a scan with the one before."""
+        """The overlap of a scan with the scan before."""
         inlier_m = self.settings.registration.inlier_m
         return share_standing(self.last_cloud, cloud, last_T_scan, inlier_m)
 
     def _overlap_before_last(self, cloud: Cloud, last_T_scan: Poses) -> float:
-        """The overlap of a scan with the one before the last, when a truck hid the last one."""
+        """The overlap of a scan with the scan before the last, in case a truck hid the last."""
         if self.before_last is None or self.last_row in self.breaks:
             return 0.0
         odom_T_before, cloud_before = self.before_last
@@ -333,14 +335,14 @@ class _DriveOdometry:
         return share_standing(cloud_before, cloud, before_T_scan, inlier_m)
 
     def _is_allowed(self, last_T_scan: Poses, odometry_step: Poses | None) -> bool:
-        """Whether a step is as near to the log's odometry, if it has any, as that may err."""
+        """Whether a step is within the error of the log's odometry, if the log has any."""
         if odometry_step is None:
             return True
         away_m, turn_deg = distance_and_turn(last_T_scan, odometry_step)
         return bool(away_m < self.settings.reach_m and turn_deg < WRONG_DEG)
 
     def _by_guesses(self, cloud: Cloud, first_guess: Poses) -> tuple[Poses, float]:
-        """Try several guesses; returns the step (4, 4) of the most overlap, and that overlap."""
+        """Try several guesses; returns the step (4, 4) of the largest overlap, and this overlap."""
         registration = self.settings.registration
         alignments = [
             registration.refine(self.last_cloud, cloud, self._brought_near(cloud, guess))
@@ -353,7 +355,7 @@ class _DriveOdometry:
         return step, self._overlap(cloud, step)
 
     def _guesses(self, cloud: Cloud, first_guess: Poses) -> Iterator[Poses]:
-        """Poses (4, 4) that the scan may have in the frame of the one before."""
+        """Poses (4, 4) that the scan may have in the frame of the scan before."""
         straight_on = np.eye(4)
         straight_on[:3, 3] = self.last_step[:3, 3]
         standing_still = np.eye(4)
@@ -372,7 +374,7 @@ class _DriveOdometry:
         return [float(turn) for turn in turn_deg if np.isfinite(turn)]
 
     def _brought_near(self, cloud: Cloud, guess: Poses) -> Poses:
-        """A guess aligned by pairs of points with the scan before: `refine` fails if 45° off."""
+        """A guess, aligned with the scan before by pairs of points: `refine` fails if 45° off."""
         result = small_gicp.align(
             self.last_cloud.points,
             cloud.points,
@@ -395,11 +397,11 @@ def turned_by(step: Poses, turn_rad: float) -> Poses:
 
 
 def share_standing(target: Cloud, source: Cloud, target_T_source: Poses, inlier_m: float) -> float:
-    """The overlap of two scans: the share of what stands in one that the other has.
+    """The overlap of two scans: the share of one scan's standing voxels that the other has too.
 
-    It is the share of one scan's standing voxels (LYING_NORMAL_Z) that have a voxel of the other
-    nearer than `inlier_m`. It is taken both ways and the larger counts: a truck before one sensor
-    hides what the other saw.
+    A standing voxel (LYING_NORMAL_Z) counts if it has a voxel of the other scan nearer than
+    `inlier_m`. The share is computed in both directions and the larger one counts, since a truck
+    before one sensor hides what the other saw.
     """
     source_T_target = np.asarray(np.linalg.inv(target_T_source))
     of_source = _share(target, transformed(target_T_source, standing(source)), inlier_m)
@@ -408,10 +410,10 @@ def share_standing(target: Cloud, source: Cloud, target_T_source: Poses, inlier_
 
 
 def standing(cloud: Cloud) -> Points:
-    """A sample (m, 3) of the voxels of a cloud that stand: neither ground nor ceiling.
+    """A sample (m, 3) of the standing voxels of a cloud, which are neither ground nor ceiling.
 
-    Ground fits on ground in any pose, and so says nothing. Where hardly anything
-    stands, all voxels are sampled.
+    Ground fits on ground at any pose, and so is no evidence. If there are few standing voxels, all
+    voxels are sampled.
     """
     points_m = cloud.xyz_m
     is_standing = np.abs(cloud.normals[:, 2]) < LYING_NORMAL_Z

@@ -1,10 +1,10 @@
 """Estimates the poses of a further day's drive on the map of the training day (METHODS 12.4).
 
-1. The drive's odometry and keys are found as on the training day (drive.py).
-   2. Each key is sought among all keys of the training day; one found there with a high probability
-   is a fix.
-3. Of each part of the drive, the fixes that agree with one another by odometry are kept.
-4. The graph lays the drive's odometry onto these fixes.
+1. Compute the drive's odometry and keys as on the training day (drive.py).
+2. Search for each key among all keys of the training day. A key located there with a high
+   probability is a fix.
+3. In each part of the drive, keep the fixes that agree with each other by odometry.
+4. Optimise the graph of the drive's odometry and these fixes.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ from pipeline.slam.loops import agreeing
 from pipeline.slam.odometry import Track
 
 AGREEING = 2
-"""A part of a drive is aligned with the map if so many of its fixes agree by odometry."""
+"""A part of a drive is aligned with the map if this many of its fixes, or more, agree."""
 
 
 def estimate_onto(
@@ -30,8 +30,8 @@ def estimate_onto(
 ) -> Estimates:
     """The poses of a drive in the world of a map.
 
-    The map is another log, `map_log`, with the poses `map_poses` (m, 4, 4). Raises LogError where
-    no scan of the drive is found on it.
+    The map is another log, `map_log`, with the poses `map_poses` (m, 4, 4). Raises LogError if no
+    scan of the drive can be located on the map.
     """
     track, keys = slam.tracked(log, watch)
     map_keys = keys_of_map(slam, map_log, map_poses, watch)
@@ -54,7 +54,7 @@ def estimate_onto(
 
 
 def keys_of_map(slam: Slam, log: Log, world_T_scan: Poses, watch: Progress) -> Keys:
-    """The keys of a log that has poses (n, 4, 4), which are NaN for scans that the map lacks."""
+    """The keys of a log with poses (n, 4, 4), which are NaN for scans that are not in the map."""
     count = len(log.stamps_ns)
     no_breaks = np.empty(0, np.int64)
     track = Track(world_T_scan, np.full(count, np.nan), np.zeros(count, bool), no_breaks, {})
@@ -64,8 +64,7 @@ def keys_of_map(slam: Slam, log: Log, world_T_scan: Poses, watch: Progress) -> K
 def key_fixes(
     slam: Slam, keys: Keys, map_keys: Keys, usual_overlap: float, watch: Progress
 ) -> list[KeyFix]:
-    """The keys of a drive that are found on a map, with the probability and overlap that loops
-    need."""
+    """The keys of a drive that are located on a map, with the overlap and probability of loops."""
     search = slam.loops
     targets = map_keys.targets(map_keys.odom_T_key, search.range_m)
     everywhere = np.ones(len(map_keys.rows), bool)
@@ -80,7 +79,7 @@ def key_fixes(
 
 
 def _agreeing_with(slam: Slam, keys: Keys, fix: KeyFix, fixes: list[KeyFix]) -> NDArray[np.bool_]:
-    """Which fixes (n,) of a part stand where one of them and odometry say, within drift."""
+    """Which fixes (n,) of a part agree with `fix` by odometry, within its drift."""
     rows = np.array([other.key for other in fixes])
     world_T_key = np.stack([other.world_T_key for other in fixes])
     world_T_odom = fix.world_T_key @ np.linalg.inv(keys.odom_T_key[fix.key])

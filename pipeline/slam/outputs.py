@@ -1,4 +1,4 @@
-"""The files that `yearloc slam` writes of estimated poses: TUM trajectory, PCD map, picture."""
+"""The files that `yearloc slam` writes: trajectory (TUM), point cloud map (PCD) and picture."""
 
 from pathlib import Path
 
@@ -15,17 +15,17 @@ from pipeline.readers.deskew import scan_at_stamp
 from pipeline.readers.log import Log
 
 MAP_VOXEL_M = 0.2
-"""The map has one point in a voxel of this side."""
+"""Side of the map's voxels, each with one point."""
 MAP_EVERY_M = 1.0
-"""The map takes a scan after so much path."""
+"""Path from one scan that is added to the map to the next."""
 MAP_RANGE_M = 60.0
-"""The map takes the points of a scan within this distance."""
+"""Points of a scan farther away than this are not added to the map."""
 THINNED_AFTER = 50
-"""The map is thinned after every so many scans, which bounds its memory."""
+"""The map is thinned each time this many scans have been added, which bounds its memory."""
 
 
 def tum_text(estimate: Estimates) -> str:
-    """A line for each scan with a pose: stamp in s, x y z in m, then the quaternion qx qy qz qw."""
+    """A line for each scan with a pose: stamp in s, x y z in m, the quaternion qx qy qz qw."""
     text = ""
     for row in np.flatnonzero(estimate.posed).tolist():
         text += folder.tum_row(int(estimate.stamps_ns[row]), estimate.world_T_scan[row]) + "\n"
@@ -33,7 +33,7 @@ def tum_text(estimate: Estimates) -> str:
 
 
 def map_pcd(log: Log, estimate: Estimates, watch: Progress) -> bytes:
-    """A PCD file of the points of a drive in its world; scans that cannot be read are left out."""
+    """A PCD file of a drive's points in its world frame; unreadable scans are left out."""
     # the first scan in each MAP_EVERY_M of path, if it has a pose
     _, first_rows = np.unique(estimate.path_m // MAP_EVERY_M, return_index=True)
     rows = first_rows[estimate.posed[first_rows]].tolist()
@@ -57,9 +57,9 @@ def map_pcd(log: Log, estimate: Estimates, watch: Progress) -> bytes:
 def draw(estimate: Estimates, path: Path, title: str) -> None:
     """Draw the trajectory from above, and save it as a PNG.
 
-    Odometry is grey, the result blue, loops and fixes on a map green, loops that the result
-    overrules orange. Breaks are red, and so is the drive after the last loop: nothing bounds its
-    drift.
+    Odometry is grey, the result blue, loops and fixes on a map green, and loops that the result
+    overrules orange. Breaks are red, and so is the drive after the last loop, whose drift is
+    unbounded.
     """
     from matplotlib.figure import Figure
 

@@ -1,4 +1,4 @@
-"""Sums up estimated poses in a few lines of text, which `yearloc slam` prints."""
+"""Summarises estimated poses in a few lines of text, which `yearloc slam` prints."""
 
 import numpy as np
 
@@ -6,11 +6,11 @@ from pipeline.core.frames import step_lengths_m
 from pipeline.core.schemas import Estimates
 
 MOST_LINES = 5
-"""At most so many breaks get a line each."""
+"""Largest number of breaks that get a line each."""
 
 
 def lines(estimate: Estimates) -> list[str]:
-    """Lines on how many scans have a pose, where the odometry breaks, and what bounds its drift."""
+    """Lines on the number of scans with a pose, the breaks of odometry, and its drift."""
     count = len(estimate.stamps_ns)
     path_m = float(estimate.path_m[-1])
     summary = [
@@ -30,7 +30,7 @@ def lines(estimate: Estimates) -> list[str]:
 
 
 def _break_line(estimate: Estimates, row: int) -> str:
-    """How little scan `row` overlaps with the one before, and how far apart in time they are."""
+    """A line on a break: the overlap of scan `row` with the scan before, and the time between."""
     usual_overlap = float(np.nanmedian(estimate.overlap))
     seconds = (estimate.stamps_ns[row] - estimate.stamps_ns[row - 1]) / 1e9
     return (
@@ -48,7 +48,7 @@ def _spacing(estimate: Estimates) -> str:
 
 
 def _fixed_line(estimate: Estimates) -> str:
-    """How many scans were found on a map, and how far along the path any scan is from one."""
+    """A line on how many scans were located on a map, and how far along the path others are."""
     between_m = np.abs(estimate.path_m[:, None] - estimate.path_m[estimate.fixed])
     farthest_m = float(between_m[estimate.posed].min(axis=1).max())
     return (
@@ -58,7 +58,7 @@ def _fixed_line(estimate: Estimates) -> str:
 
 
 def _drift_line(estimate: Estimates) -> str:
-    """How well the loops agree, and how far the drive goes on after the last of them."""
+    """A line on how well the loops agree, and how far the drive goes on after the last loop."""
     is_used = estimate.used
     path_m = estimate.path_m
     if not is_used.any():

@@ -1,5 +1,4 @@
-"""A scene for the tests of posing: a ground and the walls of a few houses, as the points that a
-sensor would see."""
+"""A scene for the tests of posing: points that a sensor would see of a ground and a few houses."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,12 +6,12 @@ from numpy.typing import NDArray
 from pipeline.core.frames import pose
 from pipeline.posing.aliases import Aliases
 from pipeline.posing.fix import Hypothesis
-from pipeline.posing.probabilities import Probabilities
+from pipeline.posing.probabilities import HypothesisModel
 from pipeline.posing.registration import Alignment
 from pipeline.posing.verification import Agreement
 
-OVERLAPS = Probabilities((10.0, *5 * (0.0,)), -5.0)
-"""Probabilities by overlap alone: a hypothesis of overlap .5 is as likely as that none is right."""
+OVERLAPS = HypothesisModel((10.0, *5 * (0.0,)), -5.0)
+"""A model of overlap alone: a hypothesis of overlap .5 is as likely as that none is right."""
 
 
 def scene(seed: int = 0, houses: int = 12) -> NDArray[np.float64]:
@@ -53,7 +52,7 @@ def seen_from(
 def hypothesis(
     x_m: float, overlap: float, spread_m: float = 0.01, yaw_deg: float = 0.0, margin: float = 0.2
 ) -> Hypothesis:
-    """A hypothesis at (x, 0) with this overlap and spread; its walls agree fully with the map's."""
+    """A hypothesis at (x, 0) with this overlap and spread, whose walls agree fully with the map's."""
     alignment = Alignment(np.eye(4), overlap, spread_m**2 * np.eye(6))
     agreement = Agreement(overlap, 1.0, 1.0)
     return Hypothesis(

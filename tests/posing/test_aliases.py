@@ -1,4 +1,4 @@
-"""Tests of slides: a pose leads its aliases only where the street does not repeat itself."""
+"""Tests of aliases: a pose has a margin over them only where the street does not repeat itself."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -15,13 +15,13 @@ from tests.artifacts import write_map
 from tests.posing.scene import planar, seen_from
 
 EVERY_M = 18.0
-"""From one house to the next."""
+"""Distance from one house to the next."""
 
 
 def upright(
     rng: np.random.Generator, corners: list[tuple[float, float]], n: int = 700
 ) -> np.ndarray:
-    """Walls 7 m high from each corner to the next."""
+    """Points (n, 3) on walls 7 m high from each corner to the next."""
     parts = []
     for (x0, y0), (x1, y1) in pairwise(corners):
         share = rng.uniform(0, 1, n)
@@ -32,7 +32,7 @@ def upright(
 
 
 def houses(rng: np.random.Generator) -> np.ndarray:
-    """On both sides of a street along x, one every 18 m, 10 m long."""
+    """Houses on both sides of a street along x, one every 18 m, 10 m long."""
     return np.concatenate(
         [
             upright(
@@ -75,7 +75,7 @@ def trees(rng: np.random.Generator) -> np.ndarray:
 
 
 def crossing(rng: np.random.Generator) -> np.ndarray:
-    """Four equal corners at 32 m: only where else one drove tells them apart, and nobody did."""
+    """A crossing at 32 m with four equal corners, which only drives beyond it could tell apart."""
     corner = [(8.0, 30.0), (8.0, 8.0), (30.0, 8.0)]
     turned = [
         [(x, y) for x, y in corner],
@@ -97,7 +97,7 @@ STREETS = {
 def street(kind: str, has_kiosk: bool, drive: int) -> np.ndarray:
     """Points (n, 3) of a street of some kind and its ground, with a kiosk at 30 m or without.
 
-    Each drive meets other points of them.
+    Each drive samples other points of them.
     """
     rng = np.random.default_rng(drive)
     ground = np.column_stack(
@@ -113,7 +113,7 @@ def street(kind: str, has_kiosk: bool, drive: int) -> np.ndarray:
 
 
 def driven(folder: Path, kind: str, has_kiosk: bool) -> tuple[np.ndarray, Targets]:
-    """The street as a later drive meets it, and the map of one along it, a submap every 4 m."""
+    """The points of a street on a later drive, and the map of an earlier one: a submap every 4 m."""
     points_m = street(kind, has_kiosk, 0)
     anchors = np.array([planar(x_m, 0, 0) for x_m in np.arange(0, 120, 4)])
     if kind.startswith("a crossing"):
@@ -142,7 +142,7 @@ def world(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     return kind, has_kiosk, *driven(tmp_path_factory.mktemp("street"), kind, has_kiosk)
 
 
-def test_a_pose_leads_by_what_only_its_own_place_has(world: Scene) -> None:
+def test_a_pose_has_a_margin_only_if_its_place_is_distinctive(world: Scene) -> None:
     _, has_kiosk, points_m, targets = world
     walls = Walls()
     result = aliases(
@@ -155,8 +155,8 @@ def test_a_pose_leads_by_what_only_its_own_place_has(world: Scene) -> None:
     assert (result.margin > 0.05) is has_kiosk
 
 
-def test_where_a_street_repeats_itself_no_pose_is_believed(world: Scene) -> None:
-    """The right pose and its copies share the probability; with a kiosk the right one has it."""
+def test_where_a_street_repeats_itself_no_pose_is_probable(world: Scene) -> None:
+    """The right pose and its aliases share the probability; with a kiosk the right pose has it."""
     _, has_kiosk, points_m, targets = world
     result = Fixer().fix(
         visible(points_m, AT), targets, Answers(np.array([[32.0, 0.0]]), np.array([0.0]))
@@ -166,7 +166,7 @@ def test_where_a_street_repeats_itself_no_pose_is_believed(world: Scene) -> None
         assert np.linalg.norm(result.hypotheses[0].world_T_query[:2, 3] - AT[:2, 3]) < 0.3
 
 
-def test_far_from_all_submaps_a_aliases_tells_nothing(
+def test_far_from_all_submaps_there_are_no_aliases_and_no_margin(
     world: tuple[bool, np.ndarray, Targets],
 ) -> None:
     *_, points_m, targets = world
@@ -174,27 +174,26 @@ def test_far_from_all_submaps_a_aliases_tells_nothing(
     middles = walls.middles(walls.of(visible(points_m, planar(30, 0, 0))))
     none = np.zeros(len(targets.world_T_anchor), bool)
     assert aliases(walls, targets, middles, planar(0, 500, 0), none).margin == 0.0
-    assert aliases(walls, targets, middles, planar(30, 0, 0), ~none).copies == ()
+    assert aliases(walls, targets, middles, planar(30, 0, 0), ~none).ranked == ()
 
 
-def test_the_copies_of_a_pose_among_equal_houses_stand_whole_houses_away(tmp_path: Path) -> None:
+def test_the_aliases_of_a_pose_among_equal_houses_are_whole_houses_away(tmp_path: Path) -> None:
     """Houses stand every 18 m."""
     points_m, targets = driven(tmp_path, "equal houses", has_kiosk=False)
     walls = Walls()
     middles = walls.middles(walls.of(visible(points_m, AT)))
     result = aliases(walls, targets, middles, AT, np.zeros(len(targets.world_T_anchor), bool))
-    assert [copy.score for copy in result.copies] == sorted(
-        (copy.score for copy in result.copies), reverse=True
-    )
-    anchors = [targets.world_T_anchor[copy.row] for copy in result.copies]
-    pairs = zip(anchors, result.copies, strict=True)
-    away_m = [(anchor @ copy.target_T_query)[0, 3] - AT[0, 3] for anchor, copy in pairs]
+    scores = [alias.score for alias in result.ranked]
+    assert scores == sorted(scores, reverse=True)
+    anchors = [targets.world_T_anchor[alias.row] for alias in result.ranked]
+    pairs = zip(anchors, result.ranked, strict=True)
+    away_m = [(anchor @ alias.target_T_query)[0, 3] - AT[0, 3] for anchor, alias in pairs]
     assert len(away_m) == 3
     assert min(abs(abs(away) - EVERY_M) for away in away_m) < 1.5
 
 
 def test_a_search_that_begins_a_house_too_early_ends_at_the_right_one(tmp_path: Path) -> None:
-    """The ranking is a house off, where the walls fit; the kiosk tells the copy that is right."""
+    """The ranking is a house off, where the walls fit; the kiosk shows which alias is right."""
     points_m, targets = driven(tmp_path, "equal houses", has_kiosk=True)
     answers = Answers(np.array([[32.0 - EVERY_M, 0.0]]), np.array([0.0]))
     result = Fixer(rounds=(1,)).fix(visible(points_m, AT), targets, answers)
@@ -203,8 +202,11 @@ def test_a_search_that_begins_a_house_too_early_ends_at_the_right_one(tmp_path: 
     assert np.linalg.norm(wrong.hypotheses[0].world_T_query[:2, 3] - AT[:2, 3]) > 10
 
 
-def test_a_copy_that_becomes_the_likeliest_is_compared_with_its_own_copies(tmp_path: Path) -> None:
-    """The ranking is two houses off; beyond the right one lies a copy too far from it to be its."""
+def test_an_alias_that_becomes_the_likeliest_is_compared_with_its_own_aliases(
+    tmp_path: Path,
+) -> None:
+    """The ranking is two houses off. Beyond the right pose lies an alias of that pose which is too
+    far from the ranking's pose to be an alias of it."""
     points_m, targets = driven(tmp_path, "equal houses", has_kiosk=True)
     first_m = AT[0, 3] + 2 * EVERY_M
     answers = Answers(np.array([[first_m, 0.0]]), np.array([0.0]))
@@ -214,9 +216,9 @@ def test_a_copy_that_becomes_the_likeliest_is_compared_with_its_own_copies(tmp_p
     assert first_m - min(x_m) > FAR_M
 
 
-def test_at_a_crossing_of_equal_corners_the_likest_fit_elsewhere_is_turned(tmp_path: Path) -> None:
-    """Four corners look similar when the robot turns by 90°; nothing along the street fits as
-    well."""
+def test_at_a_crossing_of_equal_corners_the_best_alias_is_turned(tmp_path: Path) -> None:
+    """The four corners look the same to a robot that turns by 90°, and nothing along the street
+    fits as well."""
     points_m, targets = driven(tmp_path, "a crossing of equal corners", has_kiosk=False)
     walls = Walls()
     at = planar(32, 0, 0)
@@ -227,6 +229,6 @@ def test_at_a_crossing_of_equal_corners_the_likest_fit_elsewhere_is_turned(tmp_p
         at,
         np.zeros(len(targets.world_T_anchor), bool),
     )
-    turn_deg = np.rad2deg(yaw(result.copies[0].target_T_query[None])[0])
+    turn_deg = np.rad2deg(yaw(result.ranked[0].target_T_query[None])[0])
     assert abs(turn_deg) > 80
     assert abs(result.margin) < 0.05

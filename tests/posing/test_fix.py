@@ -1,5 +1,5 @@
-"""Tests of the search and its fixes: the right pose is found among candidate submaps, and none
-where there are too few points."""
+"""Tests of the search and its fixes: the right pose is found among candidate submaps, and no pose
+if there are too few points."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ PLACES = Answers.at(np.array([[400.0, 0.0], [200.0, 0.0], [0.0, 0.0]]))
 
 
 def written(path: Path, seeds: range) -> Targets:
-    """A map of places, each another scene."""
+    """A map of places, each with its own scene."""
     anchors = np.array(ANCHORS[: len(seeds)]).reshape(-1, 4, 4)
     write_map(path, [scene(seed) for seed in seeds], anchors)
     return Targets.read(path)
@@ -70,8 +70,8 @@ def test_a_place_that_the_map_does_not_have_overlaps_little(targets: Targets) ->
 def test_approaches_of_little_overlap_are_refined_only_beside_a_likely_hypothesis(
     targets: Targets,
 ) -> None:
-    """A query from elsewhere has no approach that is refined. For one from the map, the search,
-    which is never sure here, refines the right place, and then the other two to compare it with."""
+    """No approach of a query from elsewhere is refined. For a query from the map, the search, which
+    is never sure here, refines the right place, and then the other two for comparison."""
     there, elsewhere = (seen_from(scene(seed), planar(1, 1, 20)) for seed in (0, 7))
     fixer = Fixer(least_overlap=0.7, sure=1.0)
     assert len(Fixer().fix(elsewhere, targets, PLACES).hypotheses) > 0
@@ -116,7 +116,7 @@ def test_millimetres_are_not_accepted(targets: Targets) -> None:
     assert all(one.overlap < 0.1 for one in Fixer().fix(scene() * 1000, targets, PLACES).hypotheses)
 
 
-def test_the_likeliest_leads_whatever_its_spread_and_others_stand_elsewhere() -> None:
+def test_the_likeliest_comes_first_whatever_its_spread_and_runners_up_are_elsewhere() -> None:
     result = ScanFix.of(
         [
             hypothesis(0, 0.4, 0.001),
@@ -132,7 +132,7 @@ def test_the_likeliest_leads_whatever_its_spread_and_others_stand_elsewhere() ->
     assert result.probabilities == pytest.approx(odds / (1 + odds.sum()))
 
 
-def test_hypotheses_of_one_pose_are_one_and_share_no_probability() -> None:
+def test_hypotheses_at_one_pose_are_merged_and_share_no_probability() -> None:
     one = hypothesis(0, 0.5)
     again = hypothesis(1.5, 0.4)
     turned = hypothesis(0, 0.4, yaw_deg=6)
@@ -141,7 +141,7 @@ def test_hypotheses_of_one_pose_are_one_and_share_no_probability() -> None:
     assert result.probability == pytest.approx(1 / (1 + 1 + np.exp(-1)))
 
 
-def test_a_look_alike_takes_from_the_probability() -> None:
+def test_a_perceptual_alias_lowers_the_probability() -> None:
     alone = ScanFix.of([hypothesis(0, 0.9)], OVERLAPS)
     beside = ScanFix.of([hypothesis(0, 0.9), hypothesis(20, 0.9)], OVERLAPS)
     assert alone.probability == pytest.approx(np.exp(4) / (1 + np.exp(4)))
@@ -156,7 +156,7 @@ def test_a_sure_hypothesis_ends_the_search(targets: Targets) -> None:
 
 
 def test_the_rankings_own_pose_is_tried_first(targets: Targets) -> None:
-    """Row 1 heads 90° and the query 30° to its left; no walls are sought when that is sure."""
+    """Row 1 heads 90° and the query 30° to its left; once it is sure, no walls are matched."""
     query = seen_from(scene(1), planar(1, 2, 30))
     world_T_query = ANCHORS[1] @ planar(1, 2, 30)
     answers = Answers(world_T_query[None, :2, 3] + 0.5, np.array([123.0]))

@@ -1,25 +1,26 @@
-"""Tests of the probabilities of hypotheses: they are shares by their features, learned from queries
-whose poses are known."""
+"""Tests of the probabilities of hypotheses: a conditional logit, learned from queries whose true
+poses are known."""
 
 import numpy as np
 import pytest
 
-from pipeline.posing.probabilities import FEATURES, USUAL, Probabilities, learned
+from pipeline.posing.probabilities import FEATURES, USUAL, HypothesisModel, learned
 
 FEATURE = np.eye(len(FEATURES))
-"""One of each feature, nothing else."""
+"""Hypotheses with a value of 1 in one feature each."""
 
 
 def test_the_hypotheses_of_a_query_share_its_probability() -> None:
     """Scores of ln 2 and ln 1 against the 1 of none: 2, 1 and 1 of 4."""
-    probabilities = Probabilities((np.log(2), *5 * (0.0,)), 0.0)
-    assert probabilities.of(np.array([FEATURE[0], 0 * FEATURE[0]])) == pytest.approx([0.5, 0.25])
-    assert probabilities.of(np.zeros((0, len(FEATURES)))).shape == (0,)
+    model = HypothesisModel((np.log(2), *5 * (0.0,)), 0.0)
+    two = np.array([FEATURE[0], 0 * FEATURE[0]])
+    assert model.probabilities(two) == pytest.approx([0.5, 0.25])
+    assert model.probabilities(np.zeros((0, len(FEATURES)))).shape == (0,)
 
 
 def drawn(n: int, seed: int = 0) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Queries of two hypotheses, of which the one with .2 more overlap is right; where both have
-    little, neither is."""
+    """Queries of two hypotheses, of which the one with .2 more overlap is right; if both have little
+    overlap, neither is right."""
     rng = np.random.default_rng(seed)
     features = []
     right = []
@@ -31,19 +32,20 @@ def drawn(n: int, seed: int = 0) -> tuple[list[np.ndarray], list[np.ndarray]]:
     return features, right
 
 
-def test_what_tells_right_from_wrong_is_learned_and_nothing_speaks_against() -> None:
+def test_the_feature_that_tells_right_from_wrong_is_learned_and_no_weight_is_negative() -> None:
     features, right = drawn(300)
-    result = learned(features, right, np.ones(300), Probabilities(6 * (0.0,), 0.0))
+    result = learned(features, right, np.ones(300), HypothesisModel(6 * (0.0,), 0.0))
     assert min(result.weights) >= 0
     assert result.weights[0] > 10
-    probability = np.array([result.of(one).max() for one in features])
+    probability = np.array([result.probabilities(one).max() for one in features])
     assert probability[1::3].min() > 0.5 > probability[::3].max()
     assert probability.mean() == pytest.approx(2 / 3, abs=0.03)  # as many as are right
 
 
 def test_more_of_a_feature_is_never_worse_even_where_the_evidence_says_so() -> None:
     features, right = drawn(60)
-    turned = learned([-one for one in features], right, np.ones(60), Probabilities(6 * (0.0,), 0.0))
+    negated = [-of_query for of_query in features]
+    turned = learned(negated, right, np.ones(60), HypothesisModel(6 * (0.0,), 0.0))
     assert turned.weights[0] == 0
 
 

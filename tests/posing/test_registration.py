@@ -58,7 +58,7 @@ def test_the_covariance_is_what_repeated_noise_gives() -> None:
     ("points", "says"),
     [
         (np.zeros((12, 3)), "12 points in 1 voxels of 0.5 m: registration needs 100"),
-        (np.full((500, 3), np.nan), "expected finite ones"),
+        (np.full((500, 3), np.nan), "expected finite points"),
         (np.zeros((500, 2)), r"points of shape \(500, 2\)"),
         (np.zeros((0, 3)), "0 points in 0 voxels"),
     ],

@@ -13,7 +13,7 @@ from pipeline.core.progress import Progress
 from pipeline.matching.ranking import Ranking, Rows
 from pipeline.posing.ageing import Ageing
 from pipeline.posing.fix import ScanFix
-from pipeline.posing.probabilities import Probabilities
+from pipeline.posing.probabilities import HypothesisModel
 from pipeline.posing.search import Fixer
 from pipeline.posing.targets import write_map
 from pipeline.posing.validation import Drive, TrainingDay, ValidationBlocks, gated, least_overlap
@@ -98,8 +98,8 @@ def test_a_fix_lacks_what_a_search_with_a_least_overlap_does_not_refine() -> Non
         replace(hypothesis(x_m, 0.5), approach_overlap=overlap)
         for x_m, overlap in ((0.0, 0.4), (50.0, 0.1))
     ]
-    unlikely = Probabilities((0.0,) * 6, -9.0)
-    likely = Probabilities((0.0,) * 6, 0.0)
+    unlikely = HypothesisModel((0.0,) * 6, -9.0)
+    likely = HypothesisModel((0.0,) * 6, 0.0)
     assert len(gated(ScanFix.of(hypotheses, unlikely), 0.2, unlikely).hypotheses) == 1
     assert len(gated(ScanFix.of(hypotheses, likely), 0.2, likely).hypotheses) == 2
 
