@@ -1,12 +1,12 @@
-"""What all stages share: the decorator that makes a command of a stage's function, and its helpers.
+"""The decorator that makes a command of a stage's function, and helpers that all stages share.
 
-A stage is one step of the chain that DVC runs, from raw logs to the report. Each has a file here,
-which has the name of its DVC stage, of its yaml in conf/ and of the folder of its artifacts. Its
-function takes the settings, reads artifacts, calls the library, writes an artifact and returns a
-line on it.
+A stage is one step of the chain that DVC runs, from raw logs to the report. Each stage has a file
+here; the file, the DVC stage, its yaml in conf/ and the folder of its artifacts have the same name.
+The stage's function takes the settings, reads artifacts, calls the library, writes an artifact and
+returns a one-line summary.
 
-`python -m stages.NAME KEY=VALUE …` runs one: Hydra composes its yaml with the words of the command
-line, the settings are checked, the function runs, and its line is printed.
+`python -m stages.NAME KEY=VALUE …` runs a stage: Hydra composes its yaml with the overrides on the
+command line, the settings are checked, the function runs, and its summary is printed.
 """
 
 import logging
@@ -49,11 +49,12 @@ Item = TypeVar("Item")
 Settings = TypeVar("Settings")
 """The dataclass of a stage's settings."""
 Prepare = Callable[[DictConfig, Sequence[str]], DictConfig]
-"""Takes a composed configuration and the words of the command line, and returns a changed one."""
+"""Takes a composed configuration and the overrides on the command line; returns the configuration
+to use."""
 ROOT = Path(__file__).parents[1]
 """The project's folder."""
 METHODS = ("pipeline.methods.",)
-"""The package of all methods' classes; a model's recipe may name no other class."""
+"""The package of all methods' classes; a model's recipe may name no class outside of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,14 +63,14 @@ class EachSequence:
 
     sequences: Names
     out: Path
-    """The folder."""
+    """Folder for the artifacts."""
     compute: DictConfig
-    """How many sequences at a time, and in which workers: a file of conf/compute."""
+    """How many sequences are processed at a time, and by which workers: a file of conf/compute."""
 
 
 def _kernel_folder() -> str:
-    """A folder for numba's compiled kernels, with a name that follows from our source."""
-    # numba looks only at the file of the outermost kernel, not at those of inner ones
+    """A folder for numba's compiled kernels; its name is a digest of our source code."""
+    # numba checks only the file of the outermost kernel for changes, not those of inner kernels
     folders = (ROOT / "pipeline", ROOT / "worlds")
     sources = [path.read_bytes() for root in folders for path in sorted(root.rglob("*.py"))]
     return str(ROOT / ".numba" / sha256(b"".join(sources)).hexdigest()[:16])
@@ -86,15 +87,15 @@ def _on_uncaught(
 
 
 def _prepare_process() -> None:
-    """Set up the process of a stage, before its file imports what reads these settings."""
+    """Set up the process of a stage, before its file imports the libraries that read this setup."""
     sys.excepthook = _on_uncaught
     os.environ.setdefault("NUMBA_CACHE_DIR", _kernel_folder())
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # Hydra's errors reach `reported`
-    # torch's waiting threads sleep, where they would spin (benchmarks/waiting.py)
+    # torch's waiting threads sleep instead of spinning (benchmarks/waiting.py)
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     keep_freed_memory()
     print_anywhere()
-    # these log where keys were found, and which instructions a library was built for
+    # these libraries log where credentials were found, and which instructions they were built for
     for library in ("aiobotocore", "botocore", "faiss"):
         logging.getLogger(library).setLevel(logging.WARNING)
 
@@ -108,11 +109,11 @@ class Stage(Protocol):
     run: Callable[[DictConfig], str]
     """Runs the function with the settings of a configuration, and records telemetry.
 
-    It composes nothing, prints nothing, and raises errors as they are.
+    It does not compose a configuration, prints nothing, and raises errors as they are.
     """
 
     def __call__(self) -> None:
-        """Run it as a command: compose conf/`name`.yaml with the command line, run, print."""
+        """Run the stage as a command: compose its configuration, run the function, print."""
 
 
 def stage(
@@ -120,17 +121,17 @@ def stage(
 ) -> Callable[[Callable[[Settings], str]], Stage]:
     """Decorate the function of the stage `name`: its command composes settings, runs, and prints.
 
-    1. Hydra composes conf/`name`.yaml with the words of the command line.
-    2. `prepare` may change the configuration by these words.
-    3. `filled` checks it and fills the one argument of the function, a dataclass of settings.
+    1. Hydra composes conf/`name`.yaml with the overrides on the command line.
+    2. `prepare` may change the configuration, given these overrides.
+    3. `filled` checks it and fills the function's only argument, a dataclass of settings.
     4. The function runs, and the line that it returns is printed.
 
-    An error that this project raises on purpose becomes one line and exit code 1. Any other keeps
-    its traceback.
+    An error that this project raises on purpose becomes one line and exit code 1. Any other error
+    keeps its traceback.
     """
 
     def decorate(function: Callable[[Settings], str]) -> Stage:
-        settings_class, _ = get_type_hints(function).values()  # of the argument and the result
+        settings_class, _ = get_type_hints(function).values()  # of the argument, and of the result
 
         @wraps(function)
         def run(cfg: DictConfig) -> str:
@@ -166,7 +167,7 @@ def stage(
 
 
 def _built(_: Any, setting: Any) -> Any:
-    """The object of a table with the key `_target_`; any other setting as it is."""
+    """The object that a table with the key `_target_` describes; any other setting unchanged."""
     is_recipe = isinstance(setting, Mapping) and TARGET in setting
     return instantiate(setting) if is_recipe else setting
 
@@ -177,11 +178,12 @@ def each_sequence(
     activity: str,
     one_by_one_in_threads: bool = False,
 ) -> str:
-    """Write an artifact of each sequence into the folder `settings.out`; returns their lines.
+    """Write an artifact of each sequence into the folder `settings.out`; returns their summaries.
 
-    `write(sequence, folder)` writes one and returns a line on it; it may run in a process of its
-    own. The folder takes its place once all artifacts are written. `activity` names the work in the
-    progress bar. `one_by_one_in_threads` is the method of `Compute`, for work with torch.
+    `write(sequence, folder)` writes one artifact and returns a one-line summary; it may run in a
+    process of its own. The folder is moved into place once all artifacts are written. `activity`
+    names the work in the progress bar. With `one_by_one_in_threads` the method of `Compute` of this
+    name is used, for work with torch.
     """
     compute = instantiate(settings.compute)
     if one_by_one_in_threads:
@@ -195,7 +197,7 @@ def each_sequence(
 
 @contextmanager
 def reported(name: str) -> Iterator[None]:
-    """Turn an error of the block that somebody can put right into one line and exit code 1.
+    """Turn an error of the block that a user can correct into one line and exit code 1.
 
     Any other error keeps its traceback.
     """
@@ -211,9 +213,9 @@ def reported(name: str) -> Iterator[None]:
 
 
 def _explanation(error: Exception) -> str:
-    """One line on an error that somebody can put right; empty for a bug."""
+    """One line on an error that a user can correct; empty for a bug."""
     cause = error.__cause__
-    # Hydra wraps an error of a class that it builds
+    # Hydra wraps errors that are raised while it instantiates a class
     is_of_constructor = isinstance(error, InstantiationException)
     if is_of_constructor and isinstance(cause, YearlocError | TypeError):
         return str(cause)
@@ -221,7 +223,7 @@ def _explanation(error: Exception) -> str:
         return str(error)
     if refusal := machine_refusal(error):
         return refusal
-    # any other error may come from a file of conf/ that cannot be read
+    # any other error may be due to an unreadable file in conf/
     try:
         check_files(ROOT / "conf")
     except ConfigError as broken_file:
@@ -233,11 +235,11 @@ def _explanation(error: Exception) -> str:
 
 
 def compute_words(name: str, overrides: Sequence[str]) -> list[str]:
-    """The words that the environment variable YEARLOC_COMPUTE adds to a stage's command line.
+    """The overrides that the environment variable YEARLOC_COMPUTE adds to a stage's command line.
 
-    They are `compute=…`, or nothing if the stage computes nothing in parallel or the command line
-    names a compute already. The command in dvc.yaml has no such word, since no result depends on
-    it.
+    There is one override, `compute=…`, or none if the stage computes nothing in parallel or the
+    command line has this override already. The command in dvc.yaml has none, since no result
+    depends on it.
     """
     scheduler = os.environ.get("YEARLOC_COMPUTE")
     defaults = read_yaml(ROOT / f"conf/{name}.yaml").get("defaults", ())
@@ -247,7 +249,7 @@ def compute_words(name: str, overrides: Sequence[str]) -> list[str]:
 
 
 def _targets(node: object) -> Iterator[str]:
-    """The name of every class that a configuration would build."""
+    """The name of every class that a configuration would instantiate."""
     if isinstance(node, dict | list):
         for child in node.values() if isinstance(node, dict) else node:
             yield from _targets(child)
@@ -256,16 +258,15 @@ def _targets(node: object) -> Iterator[str]:
 
 
 def build(group: str, name: str, **changed_fields: Any) -> Any:
-    """Build the object that conf/`group`/`name`.yaml describes, with some of its fields changed."""
+    """Instantiate the object of conf/`group`/`name`.yaml, with some of its fields changed."""
     return instantiate(OmegaConf.load(ROOT / "conf" / group / f"{name}.yaml"), **changed_fields)
 
 
 def within_budget(cfg: DictConfig, overrides: Sequence[str]) -> DictConfig:
-    """The configuration of a training, with what its budget says of its method put in.
+    """The configuration of a training, with its method's settings changed by the budget.
 
     A budget, a file of conf/budget, has the share of a method's full training to run, and may have
-    a table of settings for a method. What `overrides`, the words of the command line, set
-    themselves stays.
+    a table of settings for a method. Settings in `overrides`, those on the command line, are kept.
     """
     overridden_keys = {override.lstrip("+").partition("=")[0] for override in overrides}
     method_module = cfg.method._target_.split(".")[-2]
@@ -282,10 +283,10 @@ def within_budget(cfg: DictConfig, overrides: Sequence[str]) -> DictConfig:
 
 @dataclass(frozen=True)
 class ProgressBar(Progress):
-    """A bar on a terminal; elsewhere a line at every tenth of the way, if there are numbers."""
+    """A bar on a terminal; elsewhere a line after every tenth of the work, if there are numbers."""
 
     numbers: dict[str, float] = field(default_factory=dict)
-    """The latest numbers, such as a loss, which are shown beside the bar."""
+    """The latest numbers, such as a loss; they are shown beside the bar."""
 
     def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
         console = Console(stderr=True)
@@ -309,7 +310,7 @@ class ProgressBar(Progress):
                     print(f"  {what} {n_done}/{total}: {numbers}", file=sys.stderr, flush=True)
 
     def _numbers_text(self) -> str:
-        """The numbers without the epoch, which the bar counts itself."""
+        """The numbers without the epoch, which the bar itself counts."""
         numbers = [f"{name} {value:.3g}" for name, value in self.numbers.items() if name != "epoch"]
         return "  ".join(numbers)
 

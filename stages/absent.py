@@ -1,7 +1,7 @@
-"""Stage `absent`: writes an empty folder in the place of a kind of artifacts that a study lacks.
+"""Stage `absent`: writes an empty folder in place of a kind of artifacts that a study lacks.
 
-DVC has no optional dependencies. A stage that reads such a kind depends on the folder, and finds it
-empty.
+DVC has no optional dependencies. So a stage that can read such artifacts depends on the folder, and
+finds it empty.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
-"""Stage `birdviews`: draws bird-views, pictures from above of the octree that the scans build up.
+"""Stage `birdviews`: draws bird-views, pictures from above of an octree built from the scans.
 
 It reads the scans of each sequence in the order of the drive, since the octree remembers earlier
-ones, and writes one picture of each submap at each heading.
+scans, and writes one picture of each submap at each heading.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class Settings(EachSequence):
     """The stage's settings: the keys of conf/birdviews.yaml."""
 
     view: Any
-    """A view of conf/view that is drawn from an octree."""
+    """A view that is drawn from an octree: a file of conf/view."""
     scans: Path
     submaps: Path
 

@@ -1,8 +1,8 @@
-"""Stage `evaluate`: judges a model's answers to each test sequence against the true places.
+"""Stage `evaluate`: compares a model's answers for each test sequence with the true places.
 
-It reads rankings (with poses or without), labels and submaps. For each case of the queries, such as
-unperturbed or turned, it writes outcomes and numbers by both protocols: an answer is
-right if it is the query's cell, or if it is near enough.
+It reads rankings (with or without poses), labels and submaps. For each case of the queries, such as
+unperturbed or turned, it writes outcomes and numbers by both protocols: an answer is right if it is
+the query's cell, or if it is near enough.
 """
 
 import json
@@ -19,7 +19,8 @@ from stages import EachSequence, each_sequence, stage
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How near a right answer is, and how intervals are drawn: a file of conf/tolerance."""
+    """The largest distance of a right answer, and how intervals are drawn: a file of
+    conf/tolerance."""
 
     distance: Distance
     bootstrap: Bootstrap
@@ -44,7 +45,7 @@ def main(settings: Settings) -> str:
         metrics_folder.mkdir()
 
         def evaluate(sequence: str, folder: Path) -> str:
-            """Write the evaluation of one sequence in every case, and its metrics unperturbed."""
+            """Write the evaluation of one sequence in every case, and its unperturbed metrics."""
             name = f"{sequence}.zarr"
             distance = settings.tolerance.distance
             bootstrap = settings.tolerance.bootstrap

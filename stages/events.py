@@ -1,7 +1,7 @@
-"""Stage `events`: writes what had changed in the world since training, by each sequence's day.
+"""Stage `events`: writes what has changed in the world between training and each sequence's day.
 
-A simulated world knows its own events; of a recorded one they come from a csv that the user wrote.
-A study of robustness asks how answers near such changes fare.
+A simulated world knows its own events; those of a recorded world come from a csv that the user
+wrote. A study of robustness compares the answers near and far from these changes.
 """
 
 from collections import Counter
@@ -23,7 +23,7 @@ class Settings(EachSequence):
     world: DictConfig
     train: str
     root: str | None = None
-    """Folder of recorded logs."""
+    """Folder of the recorded logs; None for a simulated world."""
 
 
 @stage("events")
@@ -31,7 +31,7 @@ def main(settings: Settings) -> str:
     world = world_of(settings.world, settings.dataset, settings.root)
 
     def write_changes_of(sequence: str, folder: Path) -> str:
-        """Write what has changed by the day of one sequence."""
+        """Write the changes up to the day of one sequence."""
         changes = world.changes(settings.train, sequence)
         write_changes(folder / f"{sequence}.csv", changes)
         counts = sorted(Counter(change.what for change in changes).items())

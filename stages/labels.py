@@ -1,8 +1,8 @@
 """Stage `labels`: finds the true place of each submap.
 
 Places are the cells of a grid that the training sequence drove through. The stage reads the submaps
-of all sequences and writes, for each submap, the place that it lies in, or that training never was
-there, with the distance to the nearest training submap.
+of all sequences. For each submap it writes its place, or that training never went there, and the
+distance to the nearest training submap.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from stages import EachSequence, each_sequence, stage
 
 @dataclass(frozen=True)
 class Box:
-    """The rectangle of the world's xy plane in which a data set's places lie: lowest, highest."""
+    """The rectangle of the world's xy plane that contains a data set's places: lowest, highest."""
 
     x_m: tuple[float, float]
     y_m: tuple[float, float]
@@ -34,7 +34,7 @@ class DataSet:
 
 @dataclass(frozen=True)
 class Cells:
-    """The wanted side of a cell: a file of conf/grid."""
+    """The side of a grid cell: a file of conf/grid."""
 
     cell_m: Annotated[float, Range(0.1, 10_000)]
 
@@ -54,7 +54,7 @@ def main(settings: Settings) -> str:
     def write_labels(sequence: str, folder: Path) -> str:
         """Write the labels of one sequence, by the places of the first training sequence.
 
-        If there are several training sequences, each is labelled by its own places instead.
+        A training sequence is labelled by its own places instead.
         """
         train = sequence if sequence in settings.train else settings.train[0]
         submaps, training = (

@@ -1,8 +1,8 @@
-"""Stage `latency`: measures what a query costs on this machine, as the SCI paper's Table III does.
+"""Stage `latency`: measures the cost of a query on this machine, like the SCI paper's Table III.
 
-It asks each method's model about submaps of one test sequence, on one thread, and times drawing the
-view and answering. It writes rows for the table of results, with what the training of each model
-cost, and the single times.
+It queries each method's model with submaps of one test sequence, on one thread, and times the
+drawing of the view and the answer. It writes rows for the table of results, also with the cost of
+training each model, and the time of each query.
 """
 
 import os
@@ -43,13 +43,13 @@ class Settings:
     models: Path
     """Folder of the models."""
     contenders: Mapping[str, str]
-    """The models whose queries are timed, each with what it looks at: a file of conf/view."""
+    """The models whose queries are timed, each with its view: a file of conf/view."""
     trained: tuple[ModelName, ...]
-    """All models of the study: the cost of their training goes into the table too."""
+    """All models of the study, whose costs of training go into the table."""
     queries: Count
-    """How many submaps of the sequence are asked."""
+    """Number of the sequence's submaps that are queries."""
     k: Count
-    """Places ranked for each query."""
+    """Number of places ranked for each query."""
     out: Path
     """File for the rows of results, a csv."""
     samples: Path
@@ -83,7 +83,7 @@ def main(settings: Settings) -> str:
 
 
 def timed_method(view: str, draw: Any, path: Path) -> TimedMethod:
-    """Load a stored model, ready to be timed: its method asks on one thread."""
+    """Load a stored model for timing, with a method that runs on one thread."""
     recipe = {name: parsed(value) for name, value in store.read_recipe(path).items()}
     method = build_method({**recipe, "threads": 1}, METHODS)
     model = store.read_model(path)

@@ -1,8 +1,8 @@
-"""Stage `lifelong`: lets a model learn further days, and asks it about all query days after each.
+"""Stage `lifelong`: lets a model learn further days, and queries it with all query days after each.
 
-A course says which days are learned and in which order; a strategy says how, such as growing the
-database or training the network further. The stage writes the answers after each step of learning,
-and what each step cost.
+An order says which days are learned in which sequence. A strategy says how they are learned, such
+as by adding to the database or by training the network further. The stage writes the answers after
+each step of learning, and the cost of each step.
 """
 
 import json
@@ -29,7 +29,7 @@ class Strategy:
 
     name: str
     way: Any
-    """The object that learns a day, one of pipeline.lifelong."""
+    """The object that learns a day: of a class in pipeline.lifelong."""
 
 
 @dataclass(frozen=True)
@@ -62,15 +62,15 @@ class Settings:
     name: ModelName
     """The model's method, variant and seed."""
     order: Order
-    """The order of the course: what is learned in each step."""
+    """What is learned in each step."""
     train: str
     """The day that the model learned first."""
     later_days: Names
     """The days that are learned after the first."""
     query_days: Names
-    """The days whose queries the model is asked about after each step."""
+    """The days whose submaps the model is queried with after each step."""
     view_name: str
-    """What the method looks at: a file of conf/view."""
+    """The method's view: a file of conf/view."""
     model: Path
     """The model of the first day."""
     labels: Path
@@ -78,7 +78,8 @@ class Settings:
     scans: Path
     submaps: Path
     map: Path
-    """Folder of the first day's map, for the order `self_training` alone; made if missing."""
+    """Folder of the first day's map, which only the order `self_training` reads; it makes the map if
+    the folder lacks it."""
     out: Path
     timing: Path
     """File for the CPU time of each step."""

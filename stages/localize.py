@@ -1,8 +1,8 @@
-"""Stage `localize`: asks a model about the views of the test sequences.
+"""Stage `localize`: queries a model with the views of the test sequences.
 
-It writes, for each query, a ranking of places with costs, and how new the query looks (its
-novelty); and for the whole sequence the threshold of novelty from which a query is rejected as
-unseen, chosen on validation blocks of the training sequence.
+For each query it writes a ranking of places with costs, and the query's novelty. For each sequence
+it writes the threshold of novelty from which on a query is rejected as unseen; the threshold is
+chosen on validation blocks of the training sequence.
 """
 
 from dataclasses import asdict, dataclass
@@ -26,13 +26,13 @@ class Settings(EachSequence):
     model: Path
     views: Path
     perturbed: Path
-    """Folder of the perturbed queries, drawn as the same view (stage `perturbed`)."""
+    """Folder of the perturbed queries, drawn as the same view by the stage `perturbed`."""
     perturbations: Names = ()
-    """Names of the perturbations to answer."""
+    """The perturbations whose queries are answered too: files of conf/perturbation."""
     k: Count
-    """Places ranked for each query."""
+    """Number of places ranked for each query."""
     rejection: Any
-    """Chooses the thresholds on validation blocks."""
+    """Chooses the thresholds of novelty on validation blocks."""
 
 
 @stage("localize")
@@ -40,7 +40,7 @@ def main(settings: Settings) -> str:
     stored_model = StoredModel(str(settings.model), settings.method, settings.rejection, settings.k)
 
     def rank(sequence: str, folder: Path) -> str:
-        """Write the rankings of one sequence: unperturbed, then of each perturbed case."""
+        """Write the rankings of one sequence: unperturbed, then in each perturbed case."""
         name = f"{sequence}.zarr"
         perturbed_paths = [
             settings.perturbed / perturbation / name for perturbation in settings.perturbations
@@ -52,13 +52,13 @@ def main(settings: Settings) -> str:
 
 
 def write_rankings(stored_model: StoredModel, cases: dict[Any, Rows], path: Path) -> str:
-    """Write the rankings of a sequence's queries in all cases; returns a line on them.
+    """Write the rankings of a sequence's queries in all cases; returns a one-line summary.
 
-    `cases` has the views of the queries in each case: unperturbed first, then perturbed.
+    `cases` holds the views of the queries in each case: unperturbed first, then perturbed.
     """
     ranking = stored_model.rank(cases)
     rejection = stored_model.rejection
-    n_driven = len(next(iter(cases.values())).stamps_ns)
+    n_unperturbed = len(next(iter(cases.values())).stamps_ns)
     # one threshold for each kind of novelty
     thresholds = rejection.thresholds(stored_model.model, ranking.kinds)
     reject_from = tuple(float(threshold.reject_from) for threshold in thresholds)
@@ -72,13 +72,13 @@ def write_rankings(stored_model: StoredModel, cases: dict[Any, Rows], path: Path
         validation_precision=validation_precision,
     )
     store.write(path, rankings)
-    # the line tells of the unperturbed queries, by the first kind of novelty, which is in use
-    unperturbed_novelty = ranking.novelty[:n_driven, 0].astype(float)
+    # the summary is of the unperturbed queries, by the first kind of novelty, which is in use
+    unperturbed_novelty = ranking.novelty[:n_unperturbed, 0].astype(float)
     n_rejected = int((unperturbed_novelty >= reject_from[0]).sum())
     n_places = ranking.places.shape[1]
     cases_note = f" in {len(cases)} cases" if len(cases) > 1 else ""
     summary = rejection.summary(stored_model.model, thresholds[0], n_rejected)
-    return f"{path.stem}: {n_places} places for {n_driven} queries{cases_note}, {summary}"
+    return f"{path.stem}: {n_places} places for {n_unperturbed} queries{cases_note}, {summary}"
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Stage `logs`: drives one sequence through a simulated world and writes its raw logs.
+"""Stage `logs`: drives one sequence through a simulated world, and writes its raw logs.
 
-The logs have the data set's own format, so the later stages read simulated and recorded logs in the
-same way. If the logs are recorded, the stage checks that the files are there and writes a list of
+The logs have the data set's own format, so that the later stages read simulated and recorded logs
+in the same way. For recorded logs, the stage checks that the files are there and writes a list of
 them.
 """
 
@@ -34,7 +34,7 @@ class Settings:
     compute: DictConfig
     out: Path
     root: str | None = None
-    """Folder of recorded logs."""
+    """Folder of the recorded logs; None for a simulated world."""
 
 
 @stage("logs")
@@ -46,7 +46,7 @@ def main(settings: Settings) -> str:
 
 
 def world_of(world: DictConfig, dataset: DataSet, root: str | None) -> Any:
-    """The simulated world, or the recorded one with the reader of its logs below `root`."""
+    """The simulated world, or the recorded world whose logs lie below `root`."""
     if dataset.simulated:
         return instantiate(world)
     return instantiate(world, reader=dataset.reader, root=root)

@@ -1,6 +1,6 @@
-"""Stage `map`: thins the points of the training day's submaps to one point per voxel.
+"""Stage `map`: thins the points of the training day's submaps to one point a voxel.
 
-Stage `poses` registers queries with these points.
+The stage `poses` registers queries with these points.
 """
 
 from dataclasses import dataclass
@@ -23,9 +23,9 @@ class Settings(EachSequence):
     range_m: Positive
     """Points farther from a submap's anchor are left out."""
     gathered_m: Positive
-    """The same as `range_m`, but for submaps gathered from several scans.
+    """The same as `range_m`, for submaps gathered from several scans.
 
-    It is shorter, since far points drift while the scans are gathered.
+    It is shorter, since far points suffer most from the drift between these scans.
     """
 
 

@@ -1,7 +1,7 @@
 """Stage `paths`: joins the poses of single queries along the path of each test sequence.
 
-It reads the poses that stage `poses` found for each query by itself, and the odometry between them,
-and writes poses that agree with both, in the same form.
+It reads the fixes that the stage `poses` found for each query by itself, and the odometry between
+them. It writes fixes that agree with both, in the same form.
 """
 
 from dataclasses import dataclass
@@ -19,10 +19,10 @@ class Settings(EachSequence):
     """The stage's settings: the keys of conf/paths.yaml."""
 
     path: Any
-    """How poses are joined: a file of conf/path."""
+    """Joins fixes and odometry: a file of conf/path."""
     train: str
     fixes: Path
-    """Folder of one model's poses."""
+    """Folder of one model's fixes."""
     labels: Path
     scans: Path
     submaps: Path
@@ -31,7 +31,7 @@ class Settings(EachSequence):
 @stage("paths")
 def main(settings: Settings) -> str:
     def follow(sequence: str, folder: Path) -> str:
-        """Write the joined poses of one sequence; it may run in a process of its own."""
+        """Write the joined fixes of one sequence; it may run in a process of its own."""
         name = f"{sequence}.zarr"
         train = f"{settings.train}.zarr"
         fixes = store.read(settings.fixes / name, schemas.Fixes)

@@ -1,8 +1,9 @@
-"""Stage `perturbed`: draws the views of submaps whose points were changed on purpose.
+"""Stage `perturbed`: draws the views of submaps whose points were perturbed on purpose.
 
-A perturbation turns the robot, adds walls or removes buildings; each way in which it does so to all
-submaps of a test sequence is a case. The stage reads scans and submaps and writes an artifact of
-views a sequence, case after case. `localize` answers them beside the views unperturbed.
+A perturbation turns the robot, adds walls or removes buildings. Each way in which it changes all
+submaps of a test sequence is a case. The stage reads scans and submaps, and writes one artifact of
+views for each sequence, case after case. The stage `localize` answers them beside the unperturbed
+views.
 """
 
 from dataclasses import asdict, dataclass
@@ -21,9 +22,9 @@ class Settings(EachSequence):
     """The stage's settings: the keys of conf/perturbed.yaml."""
 
     view: Any
-    """What is drawn: a file of conf/view."""
+    """Draws the views: a file of conf/view."""
     perturbation: Any
-    """What is done to the points before: a file of conf/perturbation."""
+    """Perturbs the points before they are drawn: a file of conf/perturbation."""
     scans: Path
     submaps: Path
 
@@ -31,7 +32,7 @@ class Settings(EachSequence):
 @stage("perturbed")
 def main(settings: Settings) -> str:
     def draw(sequence: str, folder: Path) -> str:
-        """Draw one sequence's views in every case but `as driven`, which its own stage draws."""
+        """Write one sequence's views in all perturbed cases; `views` draws the unperturbed case."""
         name = f"{sequence}.zarr"
         cases = perturbed(
             store.read(settings.scans / name, schemas.Scans),

@@ -1,13 +1,13 @@
-"""Stage `poses`: registers each query with the map, and says whether to accept the pose.
+"""Stage `poses`: registers each query with the map, and decides whether to accept the pose.
 
-A method's ranking of places gives candidates. Each query's points are registered with the map's
-submaps there, and the best pose is its fix. The stage writes the fixes of each test sequence: the
-pose, the places re-ranked by it, and an error probability (one minus the probability that the pose
-is right) with the limits from which to reject it. The thresholds reach their target precisions on
-validation blocks of the training sequence; what these teach is written beside the fixes, for
-`yearloc pack`.
+The candidates come from a method's ranking of places. Each query's points are registered with the
+map's submaps there; the likeliest pose is the query's fix. The stage writes the fixes of each test
+sequence: the pose, the places re-ranked by it, the error probability (one minus the probability
+that the pose is right), and the thresholds from which on a pose is rejected. The thresholds reach
+their target precisions on validation blocks of the training sequence. The verdict learned from
+these blocks is written beside the fixes, for `yearloc pack`.
 
-Level sweeps, of a 2-D laser, are searched in a grid of the whole map instead.
+The sweeps of a level 2-D laser are searched for in a grid of the whole map instead.
 """
 
 from collections.abc import Callable, Mapping
@@ -39,7 +39,7 @@ class Budget:
     """The settings of a file of conf/budget that this stage uses."""
 
     poses: Mapping[str, Any] | None = None
-    """Fields of the fixer that this budget gives another value."""
+    """Fields of the fixer that the budget changes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +49,7 @@ class Settings(EachSequence):
     method: Any
     """The method that ranked the places: a file of conf/method."""
     view: Any
-    """What it looks at: a file of conf/view."""
+    """The method's view: a file of conf/view."""
     budget: Budget
     train: str
     model: Path
@@ -59,19 +59,19 @@ class Settings(EachSequence):
     others: Names = ()
     """Folders of other methods' rankings, whose places are candidates too."""
     perturbations: Names = ()
-    """The perturbations whose queries stage `localize` answered too: files of conf/perturbation."""
+    """The perturbations whose queries `localize` answered too: files of conf/perturbation."""
     map: Path
     labels: Path
     scans: Path
     submaps: Path
     k: Count
-    """How many places of each ranking are candidates."""
+    """Number of candidate places of each ranking."""
     target_precision: Share
-    """The precision that accepted places keep."""
+    """The target precision of accepted poses."""
     unseen_share: Share
-    """The share of unseen queries that the limits assume."""
+    """The expected share of unseen queries, which the thresholds depend on."""
     validation: DictConfig
-    """Registers the validation blocks of the training sequence."""
+    """Chooses and registers the validation blocks of the training sequence."""
     fixer: DictConfig
     """Registers a query at its candidate places."""
 
@@ -87,7 +87,7 @@ def main(settings: Settings) -> str:
     sweeps = Sweeps.of(store.read(settings.scans / name, schemas.Scans), is_posed=True)
     with instantiate(settings.compute) as compute, store.replace(settings.out) as folder:
         folder.mkdir()
-        # choose the limits on the training day
+        # learn the verdict from the training day
         right_within = LEVEL_RIGHT_WITHIN if sweeps.is_level else RIGHT_WITHIN
         if sweeps.is_level:
             learned, posed_queries = learned_of_sweeps(settings, sweeps)
@@ -116,7 +116,8 @@ def main(settings: Settings) -> str:
 def learned_of_scans(
     settings: Settings, labels: schemas.Labels, compute: Compute
 ) -> tuple[Learned, PosedQueries]:
-    """Register validation blocks of 3-D scans with the map, and judge later queries by them."""
+    """Register validation blocks of 3-D scans with the map; returns what they teach, and a function
+    for the queries."""
     name = f"{settings.train}.zarr"
     fixer = instantiate(settings.fixer, **(settings.budget.poses or {}))
     map_path = settings.map / name
@@ -148,7 +149,7 @@ def learned_of_scans(
 
 
 def scans_basis(settings: Settings) -> str:
-    """What the verdict on 3-D scans is learned with."""
+    """The basis of the verdict on 3-D scans."""
     fixer = OmegaConf.merge(settings.fixer, settings.budget.poses or {})
     return basis(
         settings.model.read_bytes(),
@@ -160,7 +161,8 @@ def scans_basis(settings: Settings) -> str:
 
 
 def learned_of_sweeps(settings: Settings, sweeps: Sweeps) -> tuple[Learned, PosedQueries]:
-    """Search a grid of level sweeps for validation stretches, and judge later queries by them."""
+    """Localise validation stretches of level sweeps; returns what they teach, and a function for
+    the queries."""
     day = LevelDay.of(sweeps, settings.unseen_share, LevelValidation())
 
     def posed_queries(sequence: str) -> list[PosedQuery]:
@@ -169,9 +171,8 @@ def learned_of_sweeps(settings: Settings, sweeps: Sweeps) -> tuple[Learned, Pose
         rankings = store.read(settings.rankings / name, schemas.Rankings)
         if len(rankings.cases) > 1:
             raise InputError(
-                f"{rankings.path}: perturbed queries, and level sweeps are localised unperturbed "
-                "alone;"
-                " leave perturbed= empty, or poses="
+                f"{rankings.path}: perturbed queries, but level sweeps are localised unperturbed "
+                "only; leave perturbed= or poses= empty"
             )
         submaps = store.read(settings.submaps / name, schemas.Submaps)
         scans = store.read(settings.scans / name, schemas.Scans)

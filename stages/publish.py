@@ -1,6 +1,6 @@
 """Stage `publish`: shows a study in MLflow, from its table of results, models and figures.
 
-Everything that MLflow gets is in the artifacts already, so its database may be deleted and
+Everything that MLflow shows is in the artifacts already, so its database may be deleted and
 published again at any time.
 """
 
@@ -30,7 +30,7 @@ class Tracking:
     port: int
     database: str
     artifacts: str = ""
-    """Where it keeps figures and models; if empty, beside the database."""
+    """Where MLflow keeps figures and models; if empty, beside the database."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def main(settings: Settings) -> str:
 def runs_of_method(
     layout: Layout, study_runs: StudyRuns, method: StudyMethod
 ) -> list[tracking.RunRecord]:
-    """The runs of a method's own model: one for its poses if it has any, and one for itself."""
+    """The runs of a method's own model: one for its poses if there are any, and one for itself."""
     study = study_runs.study
     grid = study_runs.grid
     path = layout.path("train", study.name, grid, method.name)

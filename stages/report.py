@@ -1,6 +1,6 @@
-"""Stage `report`: writes what was measured as markdown, figures and one HTML page.
+"""Stage `report`: writes the results of all studies as markdown, figures and one HTML page.
 
-It reads the tables of results and the artifacts of all studies, and measures nothing itself.
+It reads the tables of results and the artifacts, and measures nothing itself.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,10 +24,10 @@ class Settings:
     """The stage's settings: the keys of conf/report.yaml."""
 
     studies: tuple[Study, ...]
-    """The studies as conf/studies.yaml has them now; the report shows those that were measured."""
+    """The studies of the current conf/studies.yaml; the report shows them as they were measured."""
     artifacts: Path
     few: Count
-    """Fewer seen queries than this near a real change say little."""
+    """A number of fewer seen queries than this near a real change is marked as weak evidence."""
     out: Path
 
 
@@ -54,10 +54,7 @@ def main(settings: Settings) -> str:
 def sweep_report(
     folder: Path, records: Sequence[Record], usual_overrides: Mapping[str, str]
 ) -> str:
-    """Write the table and the figure of a sweep into its folder.
-
-    Returns the table for a terminal.
-    """
+    """Write the table and the figure of a sweep into its folder; returns the table as text."""
     return sweep.write(folder, records, usual_overrides)
 
 

@@ -1,7 +1,7 @@
-"""Stage `results`: gathers all numbers that were measured of one study into one table.
+"""Stage `results`: gathers all measured numbers of one study in one table.
 
-It reads the artifacts of the study, and writes the table (a row a number) as a csv, a copy of the
-study beside it, and the data of two plots for `dvc plots`. Reports and pages read this table.
+It reads the artifacts of the study. It writes the table (one number a row) as a csv, a copy of the
+study, and the data of two plots for `dvc plots`. Reports and pages read this table.
 """
 
 from dataclasses import dataclass
@@ -26,11 +26,11 @@ class Settings:
     study: Study
     artifacts: Path
     unseen_share: Share
-    """The share of unseen queries that the validation AUC assumes."""
+    """The expected share of unseen queries, for the AUC on validation blocks."""
     ageing: Ageing
-    """How lines are fitted to numbers over the days since training."""
+    """Fits lines to numbers over the days since training."""
     bands: Bands
-    """The distances from real changes, in bands, by which answers are judged."""
+    """Bands of the distance to real changes, by which queries are grouped."""
     out: Path
 
 

@@ -1,7 +1,7 @@
-"""Stage `scans`: reads the raw logs of one sequence and writes its scans, each with its pose.
+"""Stage `scans`: reads the raw logs of one sequence, and writes its scans, each with its pose.
 
-Each data set has a reader of its own. This stage brings what they read into one form, so that the
-later stages see only scans (or 2-D sweeps), poses in the world and odometry.
+Each data set has its own reader. This stage writes all logs in one form, so that the later stages
+read only scans (or 2-D sweeps), poses in the world, and odometry.
 """
 
 from dataclasses import dataclass
@@ -36,13 +36,13 @@ class Settings:
     """Folder of the logs."""
     sequence: str
     slam: Path
-    """The poses that stage `slam` estimated; an empty folder if the logs have their own."""
+    """Folder of the poses that the stage `slam` estimated; empty if the logs have poses."""
     grain_m: Positive
-    """The points are stored as integers: the metres of one unit."""
+    """Length of one unit of the stored points, which are whole numbers."""
     every_m: NotNegative
-    """The metres that the sensor must move before the next scan is stored; 0 stores all scans."""
+    """Path after which the next scan is stored; 0 stores all scans."""
     compute: DictConfig
-    """In which workers blocks of scans are read: a file of conf/compute."""
+    """The workers that read blocks of scans: a file of conf/compute."""
     out: Path
 
 
@@ -53,7 +53,7 @@ def main(settings: Settings) -> str:
     if has_estimated_poses:
         log = with_estimated_poses(log, settings.slam)
     intake = Intake(log, settings.grain_m, settings.every_m)
-    # `skipped` and `clipped` are methods, which the draft calls when all blocks are written
+    # `skipped` and `clipped` are methods; the draft calls them once all blocks are written
     attrs = {
         "grain_m": settings.grain_m,
         "skipped": intake.skipped,

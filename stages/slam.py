@@ -1,7 +1,7 @@
-"""Stage `slam`: estimates the poses of a log that has none, from its scans.
+"""Stage `slam`: estimates the poses of a log without poses, from its scans.
 
-The training sequence is estimated first, and its poses define the world's frame. Every other
-sequence is then located on the training sequence's map, so that all poses are in one world.
+The training sequence is estimated first; its poses define the world's frame. All other sequences
+are then located on the training sequence's map, so that all poses are in the same world.
 """
 
 from dataclasses import dataclass
@@ -39,10 +39,10 @@ class Settings:
     slam: Slam
     """Estimates the poses."""
     picture: Path
-    """File for a picture of the trajectory."""
+    """File for a picture of the trajectory (PNG)."""
     out: Path
     map: Path | None = None
-    """The training sequence's estimated poses; None if the sequence is the training one itself."""
+    """The training sequence's estimated poses; None for the training sequence itself."""
 
 
 @stage("slam")

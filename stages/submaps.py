@@ -1,8 +1,8 @@
 """Stage `submaps`: chooses the scans of each sequence that make a submap.
 
-A submap is the points of one scan, or of several scans or sweeps, around one anchor pose; there is
-one every `step_m` of path. The stage writes which scans each submap gathers and where its anchor
-is, and no points.
+A submap consists of the points of one scan, or of several scans or sweeps, around one anchor pose;
+there is one submap every `step_m` of path. The stage writes which scans each submap gathers and
+the pose of its anchor, but no points.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """Stage `train`: a method learns the views of the training sequences and their places.
 
-It writes a model. If an earlier model of the first sequence is given, that model is extended by the
-later sequences instead of learning from the start.
+It writes a model. If an earlier model of the first sequence is given, this model learns the later
+sequences incrementally; otherwise a new model learns all sequences.
 """
 
 from dataclasses import asdict, dataclass
@@ -37,7 +37,8 @@ class Settings:
     budget: Budget
     sequences: Names
     from_: Path | None = None  # `from` in the yaml, a reserved word here
-    """A model of the first sequence, to be grown by the later ones; without it a new one learns."""
+    """A model of the first sequence, which learns the later sequences incrementally; None trains a
+    new model."""
     views: Path
     """Folder with the views of each sequence."""
     labels: Path
@@ -45,10 +46,10 @@ class Settings:
     out: Path
     """Where the model is written."""
     checkpoints: Path
-    """Folder for the state of an unfinished training."""
+    """Folder for the checkpoints of an unfinished training."""
 
 
-# Before `main` runs, `within_budget` puts what the budget says of the method into its settings.
+# Before `main` runs, `within_budget` changes the method's settings by the budget.
 @stage("train", within_budget)
 def main(settings: Settings) -> str:
     names = [f"{sequence}.zarr" for sequence in settings.sequences]
@@ -59,7 +60,7 @@ def main(settings: Settings) -> str:
     views = Rows.joined(views_of_sequences)
     places_by_day = [labels.load("places") for labels in labels_by_day]
     places = joined_places(places_by_day)
-    # All that the weights of a checkpoint depend on: with another key, training starts again.
+    # All that a checkpoint's weights depend on. With another key, training starts again.
     checkpoint_key = fingerprint(
         method,
         share,
@@ -69,7 +70,7 @@ def main(settings: Settings) -> str:
         type(method),
         str(settings.from_),
     )
-    # A method reads from its `progress` what share of the full training to run.
+    # A method reads from `progress` the share of its full training to run.
     progress = ProgressBar(share, settings.checkpoints / f"{checkpoint_key}.safetensors")
     if not settings.from_:
         weights = method.learn(views, places, progress)
@@ -81,7 +82,7 @@ def main(settings: Settings) -> str:
             Places.of(labels_by_day[0]),
             progress,
         )
-        places = learned_set.places  # those that the updated model knows, for the summary
+        places = learned_set.places  # of the updated model, for the summary
     model = {"image_shape": np.array(views.images.shape[1:]), **weights}
     recipe = {"_target_": target_of(method), **asdict(method), "budget": share}
     store.write_model(settings.out, model, recipe)
@@ -90,13 +91,13 @@ def main(settings: Settings) -> str:
 
 
 def _summary(model: Model, places: NDArray[np.int64], share: float) -> str:
-    """A line on the model: how many views and places, and which epoch of a training is kept."""
+    """A line on the model: the numbers of views and places, and the epoch that was kept."""
     learned = f"{len(places)} views of {places.max() + 1} places"
     curves = [array for name, array in model.items() if name.startswith("curves/")]
     epochs = len(curves[0]) if curves else 0
     if not epochs:
         return f"{learned}, nothing to train"
-    # The model's `best_epoch` counts from 0; it is a round for a method that trains in rounds.
+    # The model's `best_epoch` counts from 0; for a method that trains in rounds it is a round.
     kept_epoch = int(model.get("best_epoch", epochs - 1)) + 1
     return f"{learned}, {share:g} of the full training, epoch {kept_epoch} of {epochs} kept"
 

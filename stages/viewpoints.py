@@ -1,7 +1,7 @@
-"""Stage `viewpoints`: judges how well a model recognises places from other headings.
+"""Stage `viewpoints`: evaluates how well a model recognises places from other headings.
 
-It asks a model of bird-views about each place of a test sequence as a turned robot sees it, as the
-paper on DOM and PFL does (IROS 2018), and writes the matches and their mean numbers by heading.
+It queries a model of bird-views with each place of a test sequence as a turned robot sees it, like
+the paper on DOM and PFL (IROS 2018). It writes the matches and their mean numbers by heading.
 """
 
 import json
@@ -25,7 +25,7 @@ class Settings:
     views: Path
     sequences: Names
     tests: Count
-    """How many of the sequences are asked about, from the first on."""
+    """Number of the sequences that are queried, from the first on."""
     viewpoints: Any
     out: Path
     metrics: Path

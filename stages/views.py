@@ -1,7 +1,7 @@
-"""Stage `views`: draws one view of each submap, such as a Scan Context: what a method looks at.
+"""Stage `views`: draws one view of each submap, such as a Scan Context, for the methods.
 
-It reads the scans and submaps of each sequence and writes an artifact of views a sequence.
-Bird-views, whose octree remembers earlier scans, have a stage of their own (`birdviews`).
+It reads the scans and submaps of each sequence, and writes one artifact of views for each sequence.
+Bird-views, whose octree remembers earlier scans, have their own stage, `birdviews`.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ class Settings(EachSequence):
     """The stage's settings: the keys of conf/views.yaml."""
 
     view: Any
-    """What is drawn: a file of conf/view."""
+    """Draws the views: a file of conf/view."""
     scans: Path
     submaps: Path
 
@@ -35,7 +35,7 @@ def main(settings: Settings) -> str:
 
     first_drawing = open_drawing(settings, settings.sequences[0])
     if not first_drawing.one_scan_each:
-        # neighbouring submaps share scans, so sequences are drawn in parallel, not blocks of them
+        # neighbouring submaps share scans, so sequences, not blocks of submaps, run in parallel
         return each_sequence(settings, draw, "draw")
     with instantiate(settings.compute) as compute, store.replace(settings.out) as folder:
         folder.mkdir()
@@ -58,7 +58,7 @@ def open_drawing(settings: Settings, sequence: str) -> Drawing:
 def write_views(
     settings: Settings, sequence: str, folder: Path, compute: Compute, progress: Progress
 ) -> str:
-    """Write the views of one sequence; returns a line on them.
+    """Write the views of one sequence; returns a one-line summary.
 
     `compute` draws blocks of its submaps in parallel.
     """

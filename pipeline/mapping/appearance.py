@@ -1,9 +1,8 @@
-"""Measures what the submaps of a sequence look like, to show whether the sensor and its frame suit
-the views.
+"""Measures the appearance of a sequence's submaps, to check its sensor and frame against the views.
 
-Points in; out come the degrees of azimuth that they cover, the height of the ground, and the height
-of the top. A ground far from z = 0, for instance, tells that the sensor's height is set wrong.
-`is_level` tells a level 2-D laser from a 3-D LiDAR.
+In: points. Out: the degrees of azimuth that they cover, the height of the ground, and the height of
+the top. For instance, a ground far from z = 0 shows that the sensor's height is set wrong.
+`is_level` distinguishes a level 2-D laser from a 3-D LiDAR.
 """
 
 from collections.abc import Iterable
@@ -21,9 +20,9 @@ SAMPLED_POINTS = 2000
 LEVEL_M = 0.02
 """Points no thicker than this lie in one plane, like those of a level 2-D laser."""
 NEAR_M = 15.0
-"""Range within which the ground is looked for."""
+"""Range within which the ground is searched for."""
 NEAR_POINTS = 100
-"""With fewer points than this within NEAR_M, the ground is looked for among all points."""
+"""With fewer points than this within NEAR_M, the ground is searched for among all points."""
 WIDEST_GAP_DEG = 3.0
 """A wider gap between the azimuths of two points is not covered by the sensor."""
 
@@ -38,8 +37,8 @@ def appearance(
 ) -> dict[str, float]:
     """Return `azimuth_deg`, `ground_m` and `highest_m`, each a median over a few submaps.
 
-    `azimuth_deg` are the degrees of azimuth with points, `ground_m` is the z of the ground (NaN
-    where the points lie in one plane), and `highest_m` the 99th percentile of z.
+    `azimuth_deg` is the degrees of azimuth with points, `ground_m` the z of the ground (NaN if the
+    points lie in one plane), and `highest_m` the 99th percentile of z.
 
     A submap gathers the scans from `first` to `last` (submap,) that are `used` (scan,), placed by
     the poses `layout`. `ground_m` (submap,) is subtracted from all heights.

@@ -5,7 +5,7 @@ its leaves are unknown again. A table over the whole cube tells where the leaves
 
 The cube lies on a torus: a leaf's place follows from its whole-numbered coordinates in odometry,
 modulo the side of the torus. So nothing moves in memory when the cube does; a leaf that enters the
-cube takes the place of one that left it.
+cube takes the place of a leaf that left it.
 """
 
 from typing import NamedTuple
@@ -31,14 +31,15 @@ IDLE_FACTOR = 4.0
 class Bricks(NamedTuple):
     """Pools of bricks, of which the first `used[0]` are in use.
 
-    The leaves of all others are unknown and unmarked. A leaf's key is a whole number: its upper
-    bits number the brick's place on the torus, its lower ones the leaf in the brick, both x-major.
+    The leaves of all other bricks are unknown and unmarked. A leaf's key is a whole number: its
+    upper bits number the brick's place on the torus, its lower bits the leaf in the brick, both
+    x-major.
     """
 
     levels: int
     """There are 2^levels leaves around each axis of the torus."""
     table: NDArray[np.int32]
-    """(place,) where the leaves of the brick at each place begin in the pools, or NO_BRICK."""
+    """(place,) where the leaves of each place's brick begin in the pools, or NO_BRICK."""
     places: NDArray[np.int32]
     """(capacity,) the place of each brick on the torus."""
     log_odds: NDArray[np.float32]
@@ -70,7 +71,7 @@ def empty(side: int) -> Bricks:
 
 
 def with_room(bricks: Bricks, extra: int) -> Bricks:
-    """The same bricks with room for `extra` more, in new pools if theirs are too small or large."""
+    """The same bricks with room for `extra` more, with new pools if necessary."""
     n_used = int(bricks.used[0])
     if n_used + extra <= len(bricks.places) <= IDLE_FACTOR * (n_used + extra):
         return bricks
@@ -85,17 +86,17 @@ def with_room(bricks: Bricks, extra: int) -> Bricks:
 
 
 def bricks_of_a_ray(bricks: Bricks) -> int:
-    """How many bricks a ray within the cube touches at most, including that of its end."""
+    """The largest number of bricks that a ray within the cube touches, that of its end included."""
     bricks_per_axis = 1 << (bricks.levels - BITS)
     # A ray crosses at most `bricks_per_axis` borders of bricks on each axis, and begins in one more
-    # brick; its end may be in another. There are no more than those of the whole torus.
+    # brick; its end may be in another brick. The torus has no more than bricks_per_axis³ bricks.
     return min(3 * bricks_per_axis + 2, bricks_per_axis**3)
 
 
 def dense(bricks: Bricks, lowest_leaf: NDArray[np.int64], side: int) -> NDArray[np.float32]:
     """Log-odds (side, side, side), x-major, of the cube whose lowest leaf is `lowest_leaf` (3,).
 
-    Leaves are counted from the origin of odometry.
+    The lowest leaf is counted from the origin of odometry.
     """
     n_used = int(bricks.used[0])
     bricks_per_axis = 1 << (bricks.levels - BITS)
@@ -164,7 +165,7 @@ def free(bricks: Bricks, brick: int) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def forget(bricks: Bricks, is_gone: NDArray[np.bool_]) -> None:
-    """Make leaves unknown whose coordinate on any axis `is_gone` (3, side of the torus)."""
+    """Make all leaves unknown whose coordinate on any axis `is_gone` (3, side of the torus)."""
     for brick in range(bricks.used[0]):
         x, y, z = corner(bricks, brick)
         if (

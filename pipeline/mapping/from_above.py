@@ -1,8 +1,8 @@
-"""The picture from above: what stood along a drive, a scan placed on it, and where the robot was.
+"""Pictures from above: the objects along a drive, a scan placed among them, and the robot.
 
-In: scans gathered into submaps, or points of any map. Out: a `Footprint` of what stood there, the
-points of a `Drive`, and the one drawing of a scan on a map (`scan_on_map`) that figures and failure
-cards share. The page's map, the plan of a building and the moving pictures are made of these too.
+In: scans gathered into submaps, or the points of any map. Out: a `Footprint` of the standing
+objects, the points of a `Drive`, and the drawing of a scan on a map (`scan_on_map`) that figures
+and failure cards share. The page's map, the plan of a building and the animations use these too.
 """
 
 from collections.abc import Iterable
@@ -25,18 +25,19 @@ STANDING_M = (0.8, 12.0)
 """Points between these heights above the ground are drawn: walls and trunks, no ground, no
 crowns."""
 FLAT_M = 0.5
-"""A less high cloud is of a laser that sweeps one plane: all of it is drawn."""
+"""A cloud of a smaller height is of a laser that sweeps one plane: all of it is drawn."""
 APART_M = 4.0
 """Distance between the submaps of a drive that make a footprint."""
 CELL_M = 0.5
+"""Side of a drawn cell."""
 LARGEST_PX = 2_000
-"""The longer side of a footprint; its cells grow with it."""
+"""Largest number of cells along a footprint's side; larger footprints have larger cells."""
 MOST_NOISE_POINTS = 1
-"""So many points in a cell, or fewer, are taken for noise."""
+"""A cell with this many points, or fewer, is taken to be noise."""
 REACH_M = 63.0
 """Points farther from the anchor do not fit into the bytes of `Drive.cells`."""
 MOST_CELLS = 300
-"""Of a scan that are drawn on the page."""
+"""Largest number of a scan's cells that are drawn on the page."""
 MAP_GREY = "#C4C3BD"
 INKS = {True: "#C8400A", False: "#0072B2"}
 """Colours of a scan whose pose was accepted though wrong, and of one that was rejected."""
@@ -47,9 +48,9 @@ ROBOT = np.array([(3.2, 0.0, 0.0), (-2.0, 1.6, 0.0), (-1.0, 0.0, 0.0), (-2.0, -1
 def standing(
     points_m: NDArray[np.float64], heights_m: tuple[float, float] = STANDING_M
 ) -> NDArray[np.float64]:
-    """The points (n, 3) of a scan that stand on the ground, between two heights above it.
+    """The points (n, 3) of a scan between two heights above the ground: of standing objects.
 
-    All points of a laser that sweeps one plane do.
+    They are all points of a laser that sweeps one plane.
     """
     low_m, high_m = heights_m
     z_m = points_m[:, 2]
@@ -65,23 +66,23 @@ class Drive:
     scans: Scans
     submaps: Submaps
     world_T_anchor: Poses
-    """(n, 4, 4)"""
+    """(n, 4, 4) the submaps' poses."""
 
     @classmethod
     def read(cls, scans: Path, submaps: Path) -> Self:
-        """Open a drive; raises ArtifactError if its scans or submaps are not here."""
+        """Open a drive; raises ArtifactError if its scans or submaps are missing."""
         anchors = store.read(submaps, Submaps)
         return cls(store.read(scans, Scans), anchors, anchors.load("world_T_anchor"))
 
     def standing_m(self, row: int) -> NDArray[np.float64]:
-        """The points (n, 3) of a submap that stand on the ground, in the frame of its anchor."""
+        """The points (n, 3) of a submap's standing objects, in the frame of its anchor."""
         submaps = submap_points(self.scans, self.submaps, slice(row, row + 1))
         return standing(next(iter(submaps)))
 
     def cells(self, row: int) -> NDArray[np.int8]:
-        """The cells (n, 2) of side CELL_M that a submap's points stand in, counted from its anchor.
+        """The cells (n, 2) of side CELL_M with standing objects of a submap, from its anchor on.
 
-        There are at most MOST_CELLS of them, chosen at random but the same each time.
+        There are at most MOST_CELLS of them, chosen at random with a fixed seed.
         """
         xy_m = self.standing_m(row)[:, :2]
         near_m = xy_m[np.abs(xy_m).max(axis=1, initial=0.0) < REACH_M]
@@ -92,7 +93,7 @@ class Drive:
 
 
 def along(drives: Iterable[Drive]) -> NDArray[np.float64]:
-    """The points (n, 3) in the world of what stood along drives, a submap each APART_M of them."""
+    """The points (n, 3) in the world of standing objects along drives: a submap every APART_M."""
     clouds = []
     for drive in drives:
         driven_m = travelled_m(drive.world_T_anchor[:, :2, 3])
@@ -115,9 +116,9 @@ class Footprint:
     def of(
         cls, points_m: NDArray[np.float64], noise_points: int = MOST_NOISE_POINTS
     ) -> Self | None:
-        """Of points (n, 3) in the world of what stood there; None without points.
+        """The footprint of points (n, 3) of standing objects in the world; None without points.
 
-        So many points in a cell, or fewer, are taken for noise.
+        A cell with `noise_points` or fewer is taken to be noise.
         """
         xy_m = points_m[:, :2]
         if not len(xy_m):

@@ -1,8 +1,7 @@
-"""Gathers the points of submaps: the artifacts of scans and submaps in, the points of each submap
-out.
+"""Gathers the points of submaps: artifacts of scans and submaps in, the points of each submap out.
 
-A submap gathers a window of scans, placed by their poses, in the frame of the newest one, its
-anchor. Neighbouring submaps share scans; each scan is read and placed only once all the same.
+A submap gathers a window of scans, placed by their poses, in the frame of the newest scan, its
+anchor. Neighbouring submaps share scans, but each scan is read and placed only once.
 """
 
 from collections import deque
@@ -35,10 +34,9 @@ class Gathering:
     last: NDArray[np.int64]
     """(submap,) the newest scan of each window, the submap's anchor; must not decrease."""
     ground_m: NDArray[np.float64]
-    """(submap,) height of the ground in the anchor's frame, which is subtracted from all
-    heights."""
+    """(submap,) height of the ground in the anchor's frame; it is subtracted from all heights."""
     used: NDArray[np.bool_]
-    """(scan,) whether the scan is gathered at all."""
+    """(scan,) whether the scan is gathered."""
 
     def __len__(self) -> int:
         return len(self.last)
@@ -53,7 +51,7 @@ class Gathering:
         for first_scan, last_scan, ground_m in zip(
             self.first, self.last, self.ground_m, strict=True
         ):
-            # 1. Lay out the scans that enter the window, and drop those that leave it.
+            # 1. Place the scans that enter the window, and drop those that leave it.
             while not window or window[-1][0] < last_scan:
                 row, points = next(used_scans)
                 window.append((row, transformed(start_T_scan[row], points)))
@@ -105,7 +103,7 @@ def submap_points(scans: Scans, submaps: Submaps, rows: slice) -> Iterator[NDArr
 def transformed(a_T_b: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Points (n, 3) of frame b in frame a.
 
-    The loop is compiled, since BLAS would wake its threads for such slim matrices.
+    The loop is compiled, since BLAS would wake its threads for these slim matrices.
     """
     transformed_points = np.empty((len(points), 3), np.float64)
     for i in range(len(points)):

@@ -1,4 +1,4 @@
-"""Finds the ground of a scan: points in, the plane near which most of them lie out.
+"""Finds the ground of a scan: points in, the plane with the most points near it out.
 
 RANSAC (Fischler and Bolles, 1981): planes through three random points are tried, and the one with
 the most points near it wins. Steep planes are not tried, since they are walls.
@@ -11,8 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 SURE = 0.9999
-"""No more planes are tried once one like the best so far would have been found with this
-probability."""
+"""The search ends once a plane like the best so far would have been found with this probability."""
 
 
 def plane(
@@ -24,8 +23,9 @@ def plane(
 ) -> tuple[float, float, float] | None:
     """a, b, c of the plane a x + b y + z = c near which most points (n, 3) lie.
 
-    A point is near if it is closer than `near_m`. At most `iterations` planes are tried, none
-    steeper than `slope_deg`; None if all of them are, or there are fewer than three points.
+    A point is near if it is closer than `near_m`. At most `iterations` planes are tried; steeper
+    ones than `slope_deg` are skipped. Returns None if all of them are steeper, or if there are
+    fewer than three points.
     """
     if len(points_m) < 3:
         return None

@@ -1,9 +1,8 @@
-"""The dynamic octree (Yin et al., IROS 2018; METHODS 4): scans and odometry in, an occupancy map
-out.
+"""The dynamic octree (Yin et al., IROS 2018; METHODS 4): from scans and odometry, an occupancy map.
 
-The map is a cube of leaves around the robot. It moves along with the robot, and all that it knows
-decays with the robot's motion, so that drift of the odometry does no harm. A leaf holds its
-log-odds of being occupied, updated as in OctoMap (Hornung et al., Autonomous Robots 2013).
+The map is a cube of leaves around the robot. It moves along with the robot, and its log-odds decay
+with the robot's motion, so that the drift of odometry does no harm. A leaf holds its log-odds of
+being occupied, updated as in OctoMap (Hornung et al., Autonomous Robots 2013).
 
 The leaves are kept in bricks, which are allocated when a ray touches them and freed when all of
 their leaves are unknown again (`mapping.bricks`). OctoMap's inner nodes, each the highest of its
@@ -42,7 +41,7 @@ class Octree:
     miss: float = 0.4
     """Probability that an unknown leaf is occupied after one scan with a ray through it."""
     lowest: float = 0.1192
-    """Lower bound of a leaf's probability: a leaf must be able to change its mind."""
+    """Lower bound of a leaf's probability, so that later scans can still change it."""
     highest: float = 0.971
     """Upper bound of a leaf's probability."""
     motion: Literal["gaussian", "per_metre", "none"] = "gaussian"
@@ -53,8 +52,8 @@ class Octree:
     decays.
     """
     sigma: Literal["log", "constant"] = "constant"
-    """Where the deviations of `gaussian` come from. With `log` they are those of each motion as the
-    log's odometry gives them (eq. 4 as written), and the constants below where it gives none."""
+    """The source of the deviations of `gaussian`. With `log` they come from the log's odometry for
+    each motion (eq. 4 as written), and from the constants below if it gives none."""
     sigma_m: Positive = 2.0
     """Standard deviation of a motion's position."""
     sigma_rad: Positive = 0.5
@@ -63,10 +62,10 @@ class Octree:
     """Straight path over which `per_metre` decays to 1/e. At one scan per metre, 8 m makes both
     ways of decay equal."""
     rays: Literal["end_voxel", "all"] = "end_voxel"
-    """`end_voxel` casts one ray to the middle of each cell that holds points, as OctoMap does if it
-    discretises; `all` casts one to every point."""
+    """`end_voxel` casts one ray to the centre of each cell that holds points, as OctoMap does if it
+    discretises; `all` casts one ray to every point."""
     max_range_m: NotNegative = 0.0
-    """Range from the sensor at which longer rays are cut: they clear what they cross until there,
+    """Range from the sensor at which longer rays are cut: they clear the cells up to this range,
     and hit nothing. 0 stands for half the root cube's diagonal."""
     sensor_height_m: float = 1.73
     """Height of the sensor, where rays start, above the origin of the vehicle's frame."""
@@ -106,8 +105,8 @@ class Octree:
     ) -> float:
         """The factor in (0, 1] by which a motion multiplies all log-odds (METHODS 4.3): 1 at rest.
 
-        The robot moves by `moved_m` and turns by `turned_rad`. `variance` is that of the motion by
-        the log, if it gives one.
+        The robot moves by `moved_m` and turns by `turned_rad`. `variance` is the motion's variance
+        by the log, if it gives one.
         """
         sigma_m = self.sigma_m
         sigma_rad = self.sigma_rad
@@ -169,15 +168,15 @@ class OctreeMap:
     ) -> None:
         """Add a scan (n, 3) in the vehicle's frame, taken at `odom_T_vehicle` (4, 4) (METHODS 4.4).
 
-        `variance` is that of the motion since the last scan by the log, if it gives one.
+        `variance` is the variance by the log of the motion since the last scan, if it gives one.
 
         1. Mark the leaves that the rays of the scan cross, and those that hold a point.
         2. Move the root cube with the robot, by whole leaves, and forget the leaves that leave it.
         3. Let all log-odds decay by the motion since the last scan; then add one hit to each leaf
-           that holds a point, and one miss to each that rays only cross.
+           that holds a point, and one miss to each leaf that rays only cross.
 
         Raises InputError for a wrong shape, or a pose or point that is not finite; the map is then
-        as before.
+        unchanged.
         """
         points = np.ascontiguousarray(points_m, np.float64)
         if points.ndim != 2 or points.shape[1] != 3:
@@ -273,7 +272,8 @@ class OctreeMap:
         return self.octree.kept_share(moved_m, math.atan2(turn[1, 0], turn[0, 0]), variance)
 
     def _gone(self, lowest_leaf: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """True for the coordinates (3, side of the torus) that leave the cube as it moves there."""
+        """The coordinates (3, side of the torus) that leave the cube when it moves to
+        `lowest_leaf` (3,)."""
         torus = 1 << self.bricks.levels
         before = self.lowest_leaf[:, None] + (np.arange(torus) - self.lowest_leaf[:, None]) % torus
         return (before < lowest_leaf[:, None]) | (before >= lowest_leaf[:, None] + self.octree.side)

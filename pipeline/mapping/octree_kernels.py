@@ -20,8 +20,8 @@ from pipeline.mapping.bricks import LEAVES, Bricks, allocate, free, part_of_key
 
 CROSSED = np.uint8(1)
 """Bit of a leaf's mark: a ray crosses it."""
-TRUE_POSITIVE = np.uint8(2)
-"""Bit of a leaf's mark: it holds a point."""
+HIT = np.uint8(2)
+"""Bit of a leaf's mark: the leaf holds a point."""
 RAY_END = 2.0**40
 """Position of a ray's end: positions run from 0 at the sensor to this. They are whole numbers,
 which the walk adds three times as fast as floats."""
@@ -39,11 +39,11 @@ KEY_LIMIT = np.int64(1) << 20
 IN_BRICK = np.int64(LEAVES - 1)
 """The bits of a leaf's key that number it in its brick."""
 BRICK_BITS = np.int64(LEAVES.bit_length() - 1)
-"""How many these are."""
+"""The number of these bits."""
 
 
 def room(points: int) -> int:
-    """Slots of a hash table that is at most half full with this many cells: a power of two."""
+    """Slots of a hash table that is at most half full with this many cells; a power of two."""
     return 1 << (2 * points).bit_length()
 
 
@@ -61,12 +61,11 @@ def cast(
     bricks_per_ray: int,
     unhit_cells: NDArray[np.int64],
 ) -> int:
-    """Mark the leaves between the sensor and the points as CROSSED, and those of points as
-    TRUE_POSITIVE.
+    """Mark the leaves between the sensor and the points as CROSSED, and those of points as HIT.
 
     points : (n, 3) in the vehicle's frame; those before the row `first` are marked already.
     leaves_T_points : (4, 4) maps them to leaves from the cube's lowest corner.
-    origin : (3,) the sensor there.
+    origin : (3,) the sensor's position in the same frame.
     lowest_leaf : (3,) the cube's lowest leaf, in leaves from odometry's origin.
     side : leaves along an edge of the cube.
     longest : length in leaves at which longer rays are cut; these hit nothing.
@@ -74,13 +73,12 @@ def cast(
     bricks : the map, whose marks are written; bricks are allocated where there are none.
     bricks_per_ray : how many new bricks one ray may need.
     unhit_cells : (slots,) hash table of the cells that had a ray but no hit, since they lie outside
-        the cube or their rays are cut. It is written, and all VACANT before the first call.
+        the cube or their rays are cut. It is written to; before the first call all are VACANT.
 
     Returns the row of the first point that is not marked yet: n, or less if there may not be room
     for another ray's bricks. Returns −1 if a point is not finite or beyond KEY_LIMIT.
     """
-    # Below, o is the sensor and c its cell, i the cell of the ray's end, d the ray from o to its
-    # end.
+    # Names: o is the sensor, c its cell, i the cell of the ray's end, d the ray from o to its end.
     table = bricks.table
     marks = bricks.marks
     levels = bricks.levels
@@ -123,7 +121,7 @@ def cast(
             if (
                 is_inside
                 and first_leaf >= 0
-                and marks[np.uint64(first_leaf | (key & IN_BRICK))] & TRUE_POSITIVE
+                and marks[np.uint64(first_leaf | (key & IN_BRICK))] & HIT
             ):
                 continue
             end_x = ix + 0.5
@@ -136,7 +134,7 @@ def cast(
         if is_inside and length <= longest:
             if first_leaf < 0:
                 first_leaf = allocate(bricks, key >> BRICK_BITS)
-            marks[np.uint64(first_leaf | (key & IN_BRICK))] |= TRUE_POSITIVE
+            marks[np.uint64(first_leaf | (key & IN_BRICK))] |= HIT
         elif not every_ray:
             cell = ((ix + KEY_LIMIT) << 42) | ((iy + KEY_LIMIT) << 21) | (iz + KEY_LIMIT)
             if not _is_new(unhit_cells, cell):
@@ -285,11 +283,7 @@ def sweep(
             mark = np.int32(marks[leaf])
             value = value if abs(value) >= known_from else UNKNOWN
             # A leaf that is crossed and hit counts as hit.
-            value += (
-                hit_log_odds
-                if mark >= np.int32(TRUE_POSITIVE)
-                else (miss_log_odds if mark else UNKNOWN)
-            )
+            value += hit_log_odds if mark >= np.int32(HIT) else (miss_log_odds if mark else UNKNOWN)
             value = min(max(value, min_log_odds), max_log_odds)
             any_known |= np.int32(value != UNKNOWN)
             log_odds[leaf] = value

@@ -1,8 +1,8 @@
-"""Takes a log in: the scans of a reader's log in, the columns of a scans artifact out.
+"""Reads a log into scans: a reader's log in, the columns of a scans artifact out.
 
-The scans are thinned along the path if wanted, read by several workers in blocks, and stored as
-16-bit whole numbers of a grain, such as 5 mm. Scans that cannot be read, or that the reader left
-out, are missing in the artifact; they are counted with the reason.
+The scans are thinned along the path if `every_m` is set, read in blocks by several workers, and
+stored as 16-bit multiples of a grain, such as 5 mm. Scans that cannot be read, or that the reader
+left out, are missing in the artifact; they are counted by reason.
 """
 
 import math
@@ -47,9 +47,9 @@ class Intake:
     """
 
     def __init__(self, log: Log, grain_m: float, every_m: float) -> None:
-        """`grain_m` is the unit of coordinates; one scan is taken every `every_m`, or all if 0.
+        """Prepare to read a log, with one scan every `every_m` of path, or all scans if it is 0.
 
-        Raises ConfigError for a grain that is not positive.
+        `grain_m` is the unit of the stored coordinates. Raises ConfigError if it is not positive.
         """
         if not grain_m > 0:
             raise ConfigError(f"grain_m={grain_m}: expected a length above 0")
@@ -110,8 +110,8 @@ class Intake:
         odom_T_scan = self._log.odom_T_scan[rows]
         is_break = ~np.isfinite(self._log.odom_T_scan).all(axis=(1, 2))
         breaks_before = np.concatenate([[0], np.cumsum(is_break)])  # (row of the log,)
-        # A row of the log between the row before and this one is a break: more breaks are before
-        # this one than before the first row after that one.
+        # The log has a break between the previous row and this row if more breaks lie before this
+        # row than before the first row after the previous one.
         rows_after_previous = np.concatenate([[0], rows[:-1] + 1])
         odom_T_scan[breaks_before[rows] > breaks_before[rows_after_previous]] = np.nan
         return odom_T_scan
@@ -135,7 +135,8 @@ class Intake:
         return ", ".join(parts)
 
     def _read(self, start: int, stop: int) -> Block:
-        """Read rows of the thinned log in a worker, rounded: a quarter of what would be sent."""
+        """Read rows of the thinned log in a worker; rounded, they are a quarter of the bytes to
+        send."""
         points = [np.empty((0, 3), np.int16)]  # so that a block without scans can be joined
         rows = []
         clipped = 0

@@ -1,7 +1,7 @@
 """Cuts a sequence into submaps: the poses and points of its scans in, a submaps artifact out.
 
-For each submap the artifact says which scans it gathers, which of them is its anchor, the newest
-one whose frame is the submap's, and how high the ground lies there. A submap is either one scan
+For each submap the artifact says which scans it gathers, and how high the ground is. The newest of
+these scans is the anchor, whose frame is the submap's frame. A submap is either one scan
 (`SingleScan`) or all scans of the last metres of path (`Accumulated`).
 """
 
@@ -56,12 +56,11 @@ class Accumulated:
     step_m: float = 1.0
     """Path between two submaps."""
     window_m: Positive = 80.0
-    """Path whose scans a submap gathers, back from its anchor."""
+    """Length of the path, back from its anchor, whose scans a submap gathers."""
     layout: PoseColumn = "odom_T_scan"
-    """The poses by which scans are placed and the path is measured: odometry, or the ground
-    truth."""
+    """The poses by which scans are placed and the path is measured: odometry or ground truth."""
     still_m: Positive = 0.01
-    """A scan is left out if it is less than this much path after the last one used: minutes at a
+    """A scan is left out if the path since the last used scan is shorter than this: minutes at a
     red light show nothing new."""
     ground_percentile: float = 5.0
     """The ground is at this percentile of the heights near the anchor; −1 if the reader has put it
@@ -89,7 +88,7 @@ class Accumulated:
         first, rows, left_out = self.windows(start_T_scan, scans.world_T_scan)
         used = np.zeros(len(start_T_scan), bool)
         used[sample_path(start_T_scan[:, :3, 3], self.still_m)] = True
-        used[first] = used[rows] = True  # the ends of windows, however near to others
+        used[first] = used[rows] = True  # the ends of windows, however near to other scans
         ground_m = np.zeros(len(rows))
         if self.ground_percentile >= 0 and len(rows):
             gathering = Gathering(scans, self.layout, first, rows, ground_m, used)
@@ -112,8 +111,9 @@ class Accumulated:
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], Counter[str]]:
         """Return the first and the last scan (submap,) of each window, and what was left out.
 
-        That is the number of anchors without a window, by reason. `start_T_scan` (scan, 4, 4) lay
-        out the scans; a row with a NaN is a break, which no window reaches across.
+        The last result is the number of anchors without a window, by reason. `start_T_scan` (scan,
+        4, 4) are the poses that place the scans; a row with a NaN is a break, which no window
+        spans.
         """
         # 1. Sample anchors along the path.
         xyz_m = start_T_scan[:, :3, 3]
@@ -180,9 +180,9 @@ def submaps(
 def sample_path(xyz_m: NDArray[np.float64], step_m: float) -> NDArray[np.int64]:
     """Sample positions (n, 3) along the path, one about every `step_m`; returns their rows (m,).
 
-    The 3-D steps from row to row add up; when they reach `step_m` or more a sample is taken, and
-    the sum starts again at zero (METHODS 2.2). Rows with a NaN are never taken, and the steps to
-    and from them do not count.
+    The 3-D steps from row to row are summed up; when the sum reaches `step_m`, a sample is taken
+    and the sum starts again at zero (METHODS 2.2). Rows with a NaN are never taken, and the steps
+    to and from them do not count.
     """
     steps_m = step_lengths_m(xyz_m)
     steps_m[~np.isfinite(steps_m)] = 0.0

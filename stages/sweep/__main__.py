@@ -1,4 +1,4 @@
-"""Sweeps settings: runs the chain for every combination of values; one table and figure at the end.
+"""Sweeps settings: runs the chain for every combination of values; ends with a table and a figure.
 
     python -m stages.sweep -m grid.cell_m=5,10,20 method.n_way=1,2,4
 
@@ -27,12 +27,12 @@ from stages.sweep.job import CORRECTABLE, SWEEPS, job
 
 
 def main() -> None:
-    """Run the jobs, wherever Hydra's launcher starts them, and report on all of them."""
+    """Run the jobs, wherever Hydra's launcher starts them, and report on them."""
     folder = SWEEPS / "runs" / f"{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}"
     job_words, tracking_words = split_tracking_words(sys.argv[1:])
     start_s = time.perf_counter()
     with reported("sweep"):
-        check_files(ROOT / "conf")  # an unreadable file is one error here, not one of each job
+        check_files(ROOT / "conf")  # an unreadable file is one error here, not one for each job
         tracking = tracking_of(tracking_words)
         defaults = choices_of_study(job_words)
         sys.argv[1:] = command_line(job_words, defaults, folder)
@@ -48,9 +48,10 @@ def main() -> None:
 
 
 def choices_of_study(words: Sequence[str]) -> dict[str, str]:
-    """The choices that the command line leaves open, as the study of its data set makes them.
+    """The choices that the command line leaves open, by the study of its data set.
 
-    They are the data set itself, its world, submaps and budget, and the first grid and method.
+    They are the data set itself, its world, submaps and budget, and the study's first grid and
+    method.
     """
     all_studies = read_listed_studies(ROOT / "conf")
     choices = {}
@@ -66,7 +67,7 @@ def choices_of_study(words: Sequence[str]) -> dict[str, str]:
 
 
 def command_line(words: Sequence[str], defaults: Mapping[str, str], folder: Path) -> list[str]:
-    """Hydra's command line: a multirun into `folder`, unless the words have other flags."""
+    """Hydra's command line: a multirun into `folder`, unless the words contain other flags."""
     swept_keys = {key for key, _, value in (word.partition("=") for word in words) if "," in value}
     overrides = [
         _swept_with_group(word, swept_keys) for word in words if word not in ("-m", "--multirun")
@@ -81,8 +82,8 @@ def command_line(words: Sequence[str], defaults: Mapping[str, str], folder: Path
 
 
 def _swept_with_group(word: str, swept_keys: Set[str]) -> str:
-    """The override of one field of a group that is swept itself, as a sweep over one value."""
-    # as a plain override, Hydra would look for the field in the default file of the group
+    """The override of a field in a group that is itself swept, as a sweep over one value."""
+    # for a plain override, Hydra would look for the field in the group's default file
     key, _, value = word.partition("=")
     group = key.partition(".")[0]
     if group in swept_keys - {key} and value and "," not in value:
@@ -91,9 +92,9 @@ def _swept_with_group(word: str, swept_keys: Set[str]) -> str:
 
 
 def split_tracking_words(words: Sequence[str]) -> tuple[list[str], list[str]]:
-    """The words for the jobs, and those about MLflow.
+    """Split the command line into the words for the jobs and those for MLflow.
 
-    The jobs do not get the words about MLflow, which may hold a password: Hydra writes down the
+    The jobs do not get the words for MLflow, which may contain a password: Hydra records the
     command line of each job.
     """
     tracking_words = [
@@ -103,14 +104,14 @@ def split_tracking_words(words: Sequence[str]) -> tuple[list[str], list[str]]:
 
 
 def tracking_of(words: Sequence[str]) -> DictConfig:
-    """The settings of MLflow: conf/tracking with the words of the command line about it."""
+    """The settings of MLflow: conf/tracking with the overrides on the command line."""
     try:
         with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
             return compose("sweep", [*words]).tracking
     except CORRECTABLE:
         if not words:
             raise
-        # the text of Hydra's own error may hold a password
+        # the text of Hydra's own error may contain a password
         raise ConfigError(
             "tracking: not understood; expected KEY=VALUE with a key of conf/tracking/local.yaml"
         ) from None

@@ -1,7 +1,7 @@
 """One job of a sweep: runs the chain with some settings changed, and writes a record of it.
 
-It builds only the artifacts that the changed settings touch. It takes the others from DVC, if they
-are there and up to date, or from earlier jobs (`pipeline.sweeps`).
+It builds only the artifacts that depend on the changed settings. It takes all others from DVC, if
+they are there and up to date, or from earlier jobs (`pipeline.sweeps`).
 """
 
 import math
@@ -38,14 +38,12 @@ from stages import ROOT
 from stages.sweep.settings import Composer, lists_of_job, own_fields
 
 SWEEPS = Path(".sweeps")
-"""The folder of all that sweeps build, and of their records."""
+"""The folder of all artifacts that sweeps build, and of their records."""
 EMPTY_STAGE = "absent"
-"""The stage that makes empty folders in the place of artifacts that a study lacks.
-
-They are not counted as artifacts.
-"""
+"""The stage that makes empty folders in place of artifacts that a study lacks; they are not counted
+as artifacts."""
 CORRECTABLE = (YearlocError, HydraException, OmegaConfBaseException)
-"""Errors that a person can put right."""
+"""Errors that a user can correct."""
 
 # conf/sweep.yaml includes these fields of the stages by this name, so that a job may change them,
 # as localize.k=10 does. Hydra looks in its store for names that are not files.
@@ -56,7 +54,7 @@ ConfigStore.instance().store("stage_fields", OmegaConf.create(own_fields()))
 def job(cfg: DictConfig) -> float:
     """Run one job; returns the AUC on validation blocks, which an optimising sweeper maximises.
 
-    It is NaN if the job failed.
+    The AUC is NaN if the job failed.
     """
     hydra_run = HydraConfig.get()
     start_s = time.perf_counter()
@@ -76,7 +74,7 @@ def job(cfg: DictConfig) -> float:
         # Hydra wraps errors raised while it instantiates a class.
         cause = error.__cause__ if isinstance(error.__cause__, YearlocError) else error
         record = replace(record, error=" ".join(str(cause).split()))
-    except Exception as error:  # one job's bug is no reason to lose the others
+    except Exception as error:  # a bug in one job must not stop the others
         traceback.print_exc()
         record = replace(record, error=f"{type(error).__name__}: {' '.join(str(error).split())}")
     record = replace(
@@ -92,7 +90,7 @@ def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> di
     """Find or build the artifacts of a job; returns its results and where the artifacts came from.
 
     The keys are fields of `Record`: the rows of the table of results, and three counts of
-    artifacts. Raises ConfigError for a data set that is in no study.
+    artifacts. Raises ConfigError for a data set without a study.
     """
     all_studies = read_listed_studies(ROOT / "conf")
     if dataset not in all_studies:
@@ -104,13 +102,13 @@ def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> di
 
     def run(step: Step, fields: Mapping[str, str]) -> None:
         """Run a stage in this process, with `fields` for its paths and names."""
-        # The decorator `stages.stage` adds `run`, which calls the stage without its command line.
+        # The decorator `stages.stage` adds `run`, which runs the stage without a command line.
         stage_function = import_module(f"stages.{step.stage}").main
         line = stage_function.run(composer.config(step, fields))
         print(f"{step.stage}: {line}", flush=True)
 
     def plan(study: Study) -> tuple[ArtifactResolver, dict[str, Step]]:
-        """The resolver of the job's artifacts, and the steps of the chain by stage."""
+        """The resolver of the job's artifacts, and the steps of the chain, by stage."""
         steps = expand(definition(ROOT), lists_of_job(study, overrides, cfg.method.view))
         artifacts = ArtifactResolver(
             steps, UpToDate(ROOT), ArtifactCache(SWEEPS), composer.settings, run
@@ -119,10 +117,10 @@ def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> di
 
     study = all_studies[dataset]
     artifacts, step_of = plan(study)
-    # Perturbed queries take long: they are ranked only where DVC has the rankings already.
+    # Perturbed queries take long: they are used only if DVC has their rankings already.
     if not artifacts.dvc_has(step_of["localize"]):
         artifacts, step_of = plan(replace(study, perturbed={}))
-    # Without fields for paths and names, on which this setting does not depend.
+    # This setting does not depend on the fields for paths and names, which are left out.
     unseen_share = composer.config(step_of["localize"], {}).rejection.unseen_share
     # This finds or builds the artifacts, so it comes before their counts are read.
     rows = list(results(artifacts, step_of["evaluate"], step_of["train"], unseen_share))
@@ -146,7 +144,7 @@ def results(
         sequence: store.read(folder / f"{sequence}.zarr", Evaluations).case()
         for sequence in sequences
     }
-    # the kind of novelty in use is the first; it is the same for all sequences
+    # the first kind of novelty is in use; it is the same for all sequences
     kind, *_ = evaluations[sequences[-1]].kinds
     for sequence, evaluation in evaluations.items():
         yield from (

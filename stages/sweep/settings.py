@@ -1,8 +1,8 @@
-"""Composes the settings of each stage in a job: the job's overrides in; configurations out.
+"""Composes the settings of each stage in a job: the job's overrides in, configurations out.
 
-An override of a sweep, such as method.n_way=4, concerns only some stages of the chain. This module
-expands the chain for the job's study (`lists_of_job`), and composes each stage's yaml with those
-overrides that it has a field for (`Composer`).
+An override of a sweep, such as method.n_way=4, applies only to some stages of the chain. This
+module expands the chain for the job's study (`lists_of_job`), and composes each stage's yaml with
+the overrides of fields that this stage has (`Composer`).
 """
 
 from collections.abc import Mapping
@@ -37,12 +37,11 @@ CHAIN = (
     "localize",
     "evaluate",
 )
-"""The stages that a job may run; their own settings can be swept, those of the stages behind them
-cannot."""
+"""The stages that a job may run. Their settings can be swept, those of later stages cannot."""
 
 
 def own_fields() -> dict[str, dict[str, Any]]:
-    """The settings of each stage's own file, by stage, without those that dvc.yaml fills in."""
+    """The settings of each stage's own file, by stage, except those that dvc.yaml fills in."""
     fields_by_stage = {}
     for stage in CHAIN:
         path = ROOT / "conf" / f"{stage}.yaml"
@@ -60,14 +59,14 @@ def own_fields() -> dict[str, dict[str, Any]]:
 def lists_of_job(study: Study, overrides: Mapping[str, str], method_view: str) -> dict[str, Any]:
     """The lists of the chain for a job: its study with one grid and one method.
 
-    The job's `overrides` choose the files of groups such as grid or method; else they are the
+    The job's `overrides` choose the files of groups such as grid or method; the defaults are the
     study's first. `method_view` is the view of the job's method in its yaml. Raises ConfigError for
-    a study that does not ask about the year.
+    a study that does not test over the year.
     """
     if not study.tests_over_days:
         raise ConfigError(
-            f"dataset={study.name}: judges turned robots alone; a sweep compares over the year, "
-            "see `yearloc use`"
+            f"dataset={study.name}: this study tests turned robots only, and a sweep compares over "
+            "the year; see `yearloc use`"
         )
     conf = ROOT / "conf"
     name = overrides.get("method", study.methods[0].name)
@@ -90,7 +89,7 @@ def lists_of_job(study: Study, overrides: Mapping[str, str], method_view: str) -
 def _method_of_job(
     study: Study, name: str, overrides: Mapping[str, str], method_view: str
 ) -> StudyMethod:
-    """The job's method, with the settings that the study changes in its methods."""
+    """The job's method, with the settings that the study changes in any of its methods."""
     view_in_study = {method.name: method.view for method in study.methods}
     if overrides.get("view"):
         view = overrides["view"]
@@ -109,13 +108,13 @@ def _method_of_job(
 
 
 class Composer:
-    """Composes the settings of each step, an instance of a stage, from a job's overrides."""
+    """Composes the settings of each step (an instance of a stage) from a job's overrides."""
 
     def __init__(self, overrides: Mapping[str, str]) -> None:
         self._overrides = overrides
 
     def settings(self, step: Step) -> StepSettings:
-        """All settings that the step's result depends on; inputs and code are not among them."""
+        """All settings that the step's result depends on, without its inputs and code."""
         choices, changes = self._words(step)
         files = tuple((PurePath(file).parts, keys) for file, keys in step.params.items())
         values = _values(step.stage, choices + changes, files)
@@ -131,7 +130,7 @@ class Composer:
         )
 
     def _words(self, step: Step) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """The step's choices of files, and those overrides of the job that change its settings."""
+        """The step's choices of files, and the job's overrides that change its settings."""
         choices = tuple(f"{group}={choice}" for group, choice in step.choices.items())
         groups_of_stage = _composed(step.stage, ()).keys() & GROUPS
         changes = []
@@ -147,7 +146,7 @@ class Composer:
 @cache
 def _composed(stage: str, overrides: tuple[str, ...]) -> DictConfig:
     """Compose a stage's configuration, as its own command would."""
-    cfg = compose(stage, list(overrides))  # by the Hydra that runs the job
+    cfg = compose(stage, list(overrides))  # with the Hydra that runs the job
     return within_budget(cfg, overrides) if stage == "train" else cfg
 
 
@@ -157,7 +156,7 @@ def _values(
     overrides: tuple[str, ...],
     files: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...],
 ) -> dict[str, Any]:
-    """The stage's own fields, and of each group the keys in `files`; without keys all of them."""
+    """The stage's own fields, and each group's keys in `files`; without keys the whole group."""
     settings: Any = OmegaConf.to_container(_composed(stage, overrides))
     values = {key: value for key, value in settings.items() if key not in GROUPS}
     for parts, keys in files:
