@@ -14,8 +14,8 @@ from pipeline.level.level_map import Drawing
 from pipeline.level.validation import Sweeps
 
 WALLS = (
-    *((0, 0, 20, 0), (20, 0, 20, 12), (20, 12, 0, 12), (0, 12, 0, 0)),  # the outer ones
-    *((7, 0, 7, 4), (7, 6, 7, 12), (7, 6, 12, 6), (14, 12, 14, 8)),  # rooms of unlike shape
+    *((0, 0, 20, 0), (20, 0, 20, 12), (20, 12, 0, 12), (0, 12, 0, 0)),  # the outer walls
+    *((7, 0, 7, 4), (7, 6, 7, 12), (7, 6, 12, 6), (14, 12, 14, 8)),  # rooms of different shapes
     *((2, 8, 3, 8), (3, 8, 3, 9.5), (17, 2, 18, 2), (18, 2, 18, 5)),  # furniture
 )
 """x, y of the start and the end of each wall, in metres."""
@@ -67,7 +67,7 @@ def pose(x_m: float, y_m: float, heading_rad: float) -> NDArray[np.float64]:
 
 
 def drawing(sweeps: Sweeps, cell_m: float | None = None) -> Drawing:
-    """What all sweeps of a drive draw."""
+    """The drawing of all sweeps of a drive."""
     hits = [sweeps.points(row) for row in range(len(sweeps.world_T_sweep))]
     return Drawing.of(hits, sweeps.world_T_sweep, cell_m=cell_m)
 

@@ -21,7 +21,7 @@ from tests.posing.scene import scene
 from tests.views.made import artifacts
 
 LIFT_M = 7.0
-"""The reader of CARMEN logs lifts sweeps, so that views show them."""
+"""Height to which the reader of CARMEN logs lifts sweeps, so that views show them."""
 PLACES = Places(Grid(10.0, (0.0, 20.0), (0.0, 20.0)), np.arange(4))
 
 
@@ -66,7 +66,7 @@ def test_queries_of_another_drive_have_poses_near_the_ground_truth(
     assert LEVEL_RIGHT_WITHIN == (1.0, 10.0)
 
 
-def test_poses_of_sweeps_lead_the_ranking_of_places_as_those_of_3_d_scans_do(
+def test_poses_of_sweeps_come_first_in_the_ranking_like_those_of_3_d_scans(
     day: LevelDay, tuesday: schemas.Scans
 ) -> None:
     """At row 30 the robot stands in the cell of x 10 to 20, y 0 to 10, which is place 1 or 2."""
@@ -87,19 +87,21 @@ def test_poses_of_sweeps_lead_the_ranking_of_places_as_those_of_3_d_scans_do(
     assert answered.kinds == (*CLAIMS, "distance")
 
 
-def test_a_laser_upside_down_is_not_believed(day: LevelDay, tuesday: schemas.Scans) -> None:
+def test_poses_of_a_laser_upside_down_are_not_accepted(
+    day: LevelDay, tuesday: schemas.Scans
+) -> None:
     sweeps = Sweeps.of(tuesday)
     mirrored = Sweeps(
         lambda row: np.asarray(sweeps.points(row)) * (1, -1, 1),
         sweeps.world_T_sweep,
         np.full_like(sweeps.odom_T_sweep, np.nan),
     )
-    believed = [query_of(day, mirrored, row) for row in (20, 30, 40)]
-    assert min(query.error_probabilities[0] for query in believed) > 0.5
+    queries = [query_of(day, mirrored, row) for row in (20, 30, 40)]
+    assert min(query.error_probabilities[0] for query in queries) > 0.5
 
 
 def query_of(day: LevelDay, sweeps: Sweeps, row: int) -> PosedQuery:
-    """What is accepted of one sweep."""
+    """The poses of one sweep and their error probabilities."""
     return day.query(sweeps.gathered([row], 5.0)[row])
 
 

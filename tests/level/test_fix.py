@@ -1,4 +1,4 @@
-"""Fixes of gathered sweeps: how exact they are, and what beams and odometry say for or against."""
+"""Fixes of gathered sweeps: their precision, and the evidence of beams and odometry."""
 
 import numpy as np
 import pytest

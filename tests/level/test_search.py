@@ -39,12 +39,12 @@ def test_the_best_pose_is_the_best_of_all_cells_and_headings(
     best = search(field, points_m, keep=2)
     score = exhaustive(field, points_m)
     assert best.exact
-    assert best.scores[0] == pytest.approx(score)  # of poses that score similar it may be another
+    assert best.scores[0] == pytest.approx(score)  # it may be another pose of the same score
     world = field.world_T_grid[:2, 3] + best.poses[0, :2]
     assert np.linalg.norm(world - place[:2]) < 0.3
 
 
-def test_poses_come_best_first_and_no_two_are_one_answer(field: Field) -> None:
+def test_the_best_poses_come_first_and_all_are_distinct(field: Field) -> None:
     best = search(field, sweep(16.0, 6.0, 2.0), keep=6, min_ratio=0.3)
     assert (np.diff(best.scores) <= 0).all()
     assert len(best.poses) > 2
@@ -71,7 +71,7 @@ def test_in_a_symmetric_room_two_poses_are_found() -> None:
     assert best.scores[1] > 0.97 * best.scores[0]
 
 
-def test_the_search_tells_if_it_ended_at_its_threshold_of_nodes(field: Field) -> None:
+def test_the_search_tells_if_it_ended_at_its_largest_number_of_nodes(field: Field) -> None:
     assert not search(field, sweep(4.0, 3.0, 0.3), keep=8, most_nodes=4).exact
     assert len(search(field, np.empty((0, 2))).poses) == 0
     assert len(search(field, np.full((50, 2), 500.0)).poses) == 0

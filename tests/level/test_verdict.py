@@ -44,11 +44,11 @@ def test_being_ahead_of_a_bad_hypothesis_counts_no_more_than_being_alone() -> No
     assert ahead[0, -1] == alone[0, -1]
 
 
-def test_of_two_equal_poses_none_is_accepted_but_one_of_them_is_believed() -> None:
+def test_of_two_equal_poses_neither_is_accepted_but_the_claim_several_is() -> None:
     error_probabilities = USUAL.error_probabilities(fixes_of(0.95, 0.95))
     assert error_probabilities[0] > USUAL_THRESHOLDS["fix"][0]
     assert error_probabilities[2] < error_probabilities[0] / 2
-    # a single pose that is hardly believed is not one of several that are
+    # a single pose of a high error probability does not become one of several accepted poses
     assert (
         USUAL.error_probabilities(fixes_of(0.5))[2]
         == USUAL.error_probabilities(fixes_of(0.5))[0]
@@ -58,8 +58,8 @@ def test_of_two_equal_poses_none_is_accepted_but_one_of_them_is_believed() -> No
 
 def test_right_is_within_a_metre_and_ten_degrees() -> None:
     true = np.stack([pose(0, 0, 0)] * 3)
-    found = np.stack([pose(0.9, 0, 0.15), pose(1.1, 0, 0), pose(0, 0, 0.2)])  # .15 rad is 8.6°
-    assert OF_SWEEPS.right(found, true).tolist() == [True, False, False]
+    poses = np.stack([pose(0.9, 0, 0.15), pose(1.1, 0, 0), pose(0, 0, 0.2)])  # .15 rad is 8.6°
+    assert OF_SWEEPS.right(poses, true).tolist() == [True, False, False]
     is_right, is_near = OF_SWEEPS.right_and_near(fixes_of(0.9, 0.8), pose(0.2, 0, 0))
     assert is_right.tolist() == [True, False]
     assert is_near.tolist() == [True, False]
@@ -73,17 +73,15 @@ def evidence(right_count: int, wrong_count: int) -> FixEvidence[LevelFix]:
     return FixEvidence([fixes_of(0.99, 0.5)] * count, true, np.zeros(count, bool), np.arange(count))
 
 
-def test_a_map_lowers_the_usual_thresholds_only_where_its_own_stretches_break_a_target_precision() -> (
-    None
-):
+def test_a_map_lowers_the_usual_thresholds_only_if_its_own_fixes_miss_a_precision() -> None:
     for unbroken in (NO_EVIDENCE, evidence(20, 0)):
         assert verdict_of(unbroken, 0.2).claim_thresholds == USUAL_THRESHOLDS
-    # 2 of 22 wrong, all of one error probability: neither .95 nor .99 is kept below any limit
+    # 2 of 22 wrong, all of one error probability: no threshold reaches .95 or .99
     assert verdict_of(evidence(20, 2), 0.2).kept == ()
 
 
-def test_evidence_alone_target_precisions_only_what_one_more_wrong_fix_would_not_break() -> None:
-    # 30 right: 30 / 31 is .968, so .95 is kept and .99 is not
+def test_evidence_reaches_only_precisions_that_one_more_wrong_fix_would_not_break() -> None:
+    # 30 right: 30 / 31 is .968, so .95 is reached and .99 is not
     thresholds = evidence(30, 0).thresholds(USUAL, 0.0)["fix"]
     assert [threshold > 0 for threshold in thresholds] == [True, False, False]
 
@@ -93,7 +91,7 @@ def test_validation_stretches_are_found_on_a_map_with_their_surroundings_only() 
     validation = LevelValidation(every_m=6.0, around_m=(30.0,))
     own = validation.evidence(LevelFixer(), sweeps, drawing(sweeps, cell_m=0.1), 3.0)
     assert own.blocks == len(own.fixes) // 2 >= 3
-    # within 30 m lies the whole hall: nothing is left to be found in
+    # the whole hall lies within 30 m: the remaining map is empty
     for fix, true, unseen in zip(own.fixes, own.world_T_true, own.unseen, strict=True):
         assert bool(fix.hypotheses) != bool(unseen)
         if not unseen:

@@ -8,7 +8,7 @@ from tests.posing.scene import planar
 
 
 def drive_to_origin(belief: Belief) -> None:
-    """Four fixes with a probability of .99, a metre apart: they leave no doubt."""
+    """Four fixes with a probability of .99, a metre apart: the pose becomes certain."""
     for x_m in (-3, -2, -1, 0):
         belief.move(planar(1, 0, 0))
         belief.see(planar(x_m, 0, 0), 0.99)
@@ -19,9 +19,9 @@ def test_the_first_fix_has_the_probability_of_its_scan() -> None:
         belief = Belief()
         assert belief.best() is None
         assert belief.see(planar(100, 0, 0), probability) == pytest.approx(probability)
-        pose, believed = belief.best()
+        pose, best_probability = belief.best()
         assert pose[0, 3] == 100
-        assert believed == pytest.approx(probability)
+        assert best_probability == pytest.approx(probability)
 
 
 def test_fixes_that_agree_with_the_path_raise_the_probability_and_those_that_do_not_lower_it() -> (
@@ -45,7 +45,7 @@ def test_fixes_that_agree_with_the_path_raise_the_probability_and_those_that_do_
     assert jumped.see(planar(200, 0, 0), 0.8) == pytest.approx(right / (right + 0.2))
 
 
-def test_a_tracked_pose_is_believed_by_its_own_probability_alone() -> None:
+def test_a_tracked_pose_counts_by_its_own_probability_alone() -> None:
     better = Belief()
     worse = Belief()
     before, _ = (belief.see(planar(100, 0, 0), 0.9) for belief in (better, worse))
@@ -84,18 +84,18 @@ def test_after_a_guessed_step_a_fix_agrees_within_the_deviations_of_the_guess() 
 
 
 @pytest.mark.parametrize("tracked", [False, True])
-def test_a_pose_that_slipped_from_a_guess_is_doubted_as_much_as_alone(tracked: bool) -> None:
+def test_a_pose_that_slipped_from_a_guess_is_no_more_probable_than_alone(tracked: bool) -> None:
     """A fix 3.5 m along the street from a hypothesis is not near enough to be right with it.
 
-    By hand, if it was not tracked: the hypothesis is believed with .999 and lies near, so the fix
+    By hand, if it was not tracked: the hypothesis has a probability of .999 and lies near, so the fix
     is right with a weight of .56 × .999 / .3, and has slipped with one of .44 × .999: .81.
     """
     belief = Belief()
     drive_to_origin(belief)
     belief.move(np.eye(4), deviations=(2.0, 4.0))
-    believed = belief.see(planar(3.5, 0, 0), 0.56, tracked)
-    assert believed < 0.9
-    assert tracked or believed == pytest.approx(0.81, abs=0.01)
+    probability = belief.see(planar(3.5, 0, 0), 0.56, tracked)
+    assert probability < 0.9
+    assert tracked or probability == pytest.approx(0.81, abs=0.01)
 
 
 def test_a_pose_that_may_have_slipped_is_off_by_as_much() -> None:
@@ -114,7 +114,7 @@ def test_a_pose_that_may_have_slipped_is_off_by_as_much() -> None:
     assert not sure.slipped_m2().any()
 
 
-def test_a_pose_beside_a_sure_guess_is_believed_for_it() -> None:
+def test_a_pose_beside_a_sure_guess_becomes_more_probable() -> None:
     belief = Belief()
     drive_to_origin(belief)
     belief.move(planar(5, 0, 0), deviations=(0.1, 1.0))

@@ -79,7 +79,7 @@ def test_a_filter_carries_a_fix_on_and_is_less_sure_with_every_metre():
     assert found.world_T_query[39] == pytest.approx(TRUE[39], abs=0.2)
 
 
-def test_a_filter_believes_no_lone_look_alike():
+def test_a_filter_accepts_no_single_perceptual_alias():
     """One fix lies across the circle and has a probability of .7; those before and after it are
     right."""
     seen = track(list(range(0, 60, 2)))
@@ -89,7 +89,7 @@ def test_a_filter_believes_no_lone_look_alike():
     assert FILTER.along(seen).world_T_query[31] == pytest.approx(TRUE[31], abs=0.2)
 
 
-def test_a_graph_mends_the_odometry_between_fixes_before_and_after():
+def test_a_graph_corrects_the_odometry_between_fixes_before_and_after():
     seen = track([*range(0, N, 10), N - 1], scale=1.03)
     alone = off_m(ODOMETRY, seen)
     fixed = off_m(GRAPH, seen)
@@ -98,13 +98,13 @@ def test_a_graph_mends_the_odometry_between_fixes_before_and_after():
     assert fixed.max() < alone.max() / 3
 
 
-def test_a_graph_is_not_torn_by_a_wrong_fix():
+def test_a_graph_is_not_distorted_by_a_wrong_fix():
     seen = track([0, 10, 20, 30, 40, 50, 60, 70])
     seen.world_T_query[40] = TRUE[60]
     assert off_m(GRAPH, seen).max() < 0.3
 
 
-def test_only_accepted_fixes_hold_a_graph_if_it_goes_by_the_verdict():
+def test_only_accepted_fixes_are_priors_of_a_graph_that_uses_the_verdict():
     seen = track([5, 25, 45])
     seen.accepted[:] = False
     assert np.isnan(GRAPH.along(seen).world_T_query).all()
@@ -172,8 +172,7 @@ def test_the_fixes_of_a_drive_are_replaced_by_estimates(tmp_path: Path) -> None:
     assert fixes.novelty[22, 1] == columns["novelty"][22, 1]
     assert fixes.thresholds == pytest.approx([0.1, 0.5])
     assert np.isnan(fixes.covariance).all()
-    # the beliefs place and several were judged by each query's own fix, so no target precision
-    # keeps them
+    # the claims place and several were judged at each query's own fix, so they are never accepted
     assert max((*fixes.place_thresholds, *fixes.several_thresholds)) < 0
     with pytest.raises(InputError, match="80 queries in 1 cases of 79 submaps"):
         joined(store.read(path, schemas.Fixes), seen.odom_T_query[1:], FILTER, places)

@@ -30,7 +30,7 @@ RANKING = Ranking(
     *(np.array([[7, 8, 9, np.nan]] * 3, np.float32), ("entropy",)),
 )
 PLACES = Places(Grid(10.0, (0.0, 100.0), (-5.0, 5.0)), np.arange(9))
-"""Ten metres a place along x; there are nine."""
+"""Nine places of ten metres each along x."""
 
 
 ERROR_PROBABILITIES = np.array([[0.1, 0.05, 0.01], [1.0, 1.0, 1.0], [0.4, 0.3, 0.4]])
@@ -47,7 +47,7 @@ def queries() -> list[PosedQuery]:
     ]
 
 
-def test_registered_places_margin_the_ranking() -> None:
+def test_registered_places_come_first_in_the_ranking() -> None:
     result = posed(RANKING, queries(), PLACES)
     assert result.places.tolist() == [[2, 4, 1, 0], [1, 4, 2, 0], [-1, 1, 4, 2]]
     assert result.xy_m[0, :2] == pytest.approx(np.array([[25, 0], [45, 0]]))
@@ -70,7 +70,7 @@ def test_a_place_that_is_named_twice_is_answered_once() -> None:
     assert np.isnan(result.heading_deg[0, 3])
 
 
-def test_no_novelty_of_the_ring_is_called_as_one_of_a_fix() -> None:
+def test_no_novelty_of_the_ring_has_the_name_of_a_claim() -> None:
     """Thresholds are looked up by their kinds."""
     assert set(OWN_KINDS).isdisjoint(RING_KINDS)
 

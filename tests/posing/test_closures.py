@@ -46,7 +46,7 @@ def test_a_peer_that_is_not_there_is_left_out_with_a_line(closures, monkeypatch,
     ]
 
 
-def test_a_row_counts_the_right_of_the_seen_and_the_wrong_of_the_accepted(closures):
+def test_a_row_counts_right_seen_queries_and_wrong_accepted_poses(closures):
     """At 0, 1.9, 2.1 m and nowhere: two of the three seen are right, one is kept; of the last
     three, accepted, two are wrong."""
     row = answers(

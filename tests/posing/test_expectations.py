@@ -1,4 +1,4 @@
-"""Tests of the expectations: features are judged by what right fixes around the same place had."""
+"""Tests of the expectations: features are compared with those of right fixes nearby."""
 
 from dataclasses import replace
 
@@ -49,7 +49,7 @@ def test_nothing_is_expected_where_fewer_than_three_right_fixes_lie() -> None:
     assert not Expectations().excess(np.zeros(2)).any()
 
 
-def test_validation_fixes_are_judged_by_the_right_ones_of_other_blocks() -> None:
+def test_validation_fixes_are_judged_by_the_right_fixes_of_other_blocks() -> None:
     # On the field a right fix of another block had .2. The day without the fix itself: .6 thrice,
     # .2 four times, so .2 is usual, and .2 counts as it is.
     judged = with_expectations(evidence(STREET + FIELD, 8 * [False]))
@@ -66,7 +66,7 @@ def test_a_fix_in_a_place_of_more_overlap_counts_for_less() -> None:
     assert overlap(judged.fixes[0].hypotheses[0]) == pytest.approx(0.2)
 
 
-def test_wrong_fixes_and_places_never_seen_teach_nothing() -> None:
+def test_wrong_fixes_and_novel_places_add_no_expectations() -> None:
     asked = evidence(STREET, [False, True, False])
     moved = pose(np.array([[50.0, 0.0, 0.0]]), np.zeros((1, 3)))[0] @ asked.world_T_true[2]
     ground_truth = np.array([*asked.world_T_true[:2], moved])
@@ -79,7 +79,7 @@ def test_a_day_without_a_right_fix_stays_as_it_is() -> None:
     assert with_expectations(asked) is asked
 
 
-def test_a_site_file_keeps_them() -> None:
+def test_a_site_file_keeps_expectations() -> None:
     day = Expectations(np.ones((4, 2)), np.ones((4, len(FEATURES))))
     kept = Expectations.of_arrays(day.arrays)
     assert (kept.xy_m == day.xy_m).all()

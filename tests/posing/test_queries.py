@@ -62,7 +62,7 @@ def queries(folder: Path, *perturbations: Turned) -> Queries:
     return Queries("test", *places, (str(folder / "rankings"),), perturbations)
 
 
-def test_each_case_has_the_pose_of_the_robot_as_it_stood(folder: Path) -> None:
+def test_each_case_has_the_pose_of_the_robot_in_this_case(folder: Path) -> None:
     turned = Turned(repeats=1)
     fixes = queries(folder, turned).fixes(Fixer(rounds=(1,)), folder / "map.zarr", 1)
     left_rad = [

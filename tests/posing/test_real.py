@@ -60,7 +60,7 @@ def fixes(frames: KeyFrames, targets: Targets, rows: range) -> list[ScanFix]:
     return [Fixer().fix(frames.points_m(row), targets) for row in rows]
 
 
-def test_a_real_street_is_known_when_it_is_driven_back_and_another_is_not(
+def test_a_real_street_is_recognised_when_it_is_driven_back_and_another_is_not(
     frames: KeyFrames, targets: Targets
 ) -> None:
     back = range(480, 620, 10)

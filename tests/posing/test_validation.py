@@ -37,12 +37,12 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def looked_at(points_m: np.ndarray) -> np.ndarray:
-    """A view of nothing: the localizer knows where each row is."""
+    """An empty view, since the localizer knows where each row is."""
     return np.zeros(1)
 
 
 def localizer(views: Rows, k: int) -> Ranking:
-    """Answers each view where it is."""
+    """Answers each view with its true place."""
     xy_m = views.world_T_anchor[:, None, :2, 3]
     n = len(views.stamps_ns)
     column = np.zeros((n, 1), np.float32)
@@ -65,7 +65,7 @@ def evidence(path: Path) -> FixEvidence:
     return evidence_of(VIEWS, path)
 
 
-def test_blocks_are_right_with_their_surroundings_aged_or_not_and_wrong_without(
+def test_blocks_are_right_with_their_surroundings_aged_or_not_and_wrong_without_them(
     path: Path, evidence: FixEvidence
 ) -> None:
     """Blocks of 2 m in every 4; as these are too few, the scans between them are asked in their
@@ -80,7 +80,9 @@ def test_blocks_are_right_with_their_surroundings_aged_or_not_and_wrong_without(
     assert evidence.blocks == len(np.unique(evidence.block)) > 1
     probability = np.array([fix.probability for fix in evidence.fixes])
     assert probability[~evidence.unseen].min() > probability[evidence.unseen].max()
-    assert (probability[1::3] < probability[::3]).mean() > 0.5  # an aged one is less like the map
+    assert (
+        probability[1::3] < probability[::3]
+    ).mean() > 0.5  # an aged submap is less similar to the map
 
 
 def test_approaches_are_refined_from_four_fifths_of_the_least_overlap_of_right_ones() -> None:
@@ -93,7 +95,7 @@ def test_approaches_are_refined_from_four_fifths_of_the_least_overlap_of_right_o
     assert least_overlap([approached(0.9, x_m=9.0)], true[:1]) == 0.0  # none is right
 
 
-def test_a_fix_lacks_what_a_search_with_a_least_overlap_does_not_refine() -> None:
+def test_a_fix_loses_the_hypotheses_that_a_search_with_a_least_overlap_does_not_refine() -> None:
     hypotheses = [
         replace(hypothesis(x_m, 0.5), approach_overlap=overlap)
         for x_m, overlap in ((0.0, 0.4), (50.0, 0.1))

@@ -10,7 +10,7 @@ from pipeline.posing.verdict import CLAIMS, OF_SCANS, TARGET_PRECISIONS, FixEvid
 from tests.posing.scene import OVERLAPS, hypothesis, planar
 
 
-def test_error_probabilities_in_the_pose_in_its_place_and_in_the_poses_that_are_named() -> None:
+def test_the_error_probabilities_of_the_three_claims() -> None:
     """Odds of e², 1, e⁻¹ and e⁻² against 1, at 0, 3, 40 and 80 m: the first two are near, the
     second is no runner-up."""
     fix = ScanFix.of(
@@ -45,7 +45,7 @@ def evidence(blocks: int, wrong: int = 0, seed: int = 0) -> FixEvidence[ScanFix]
     )
 
 
-def test_right_and_near_are_reported_apart() -> None:
+def test_right_and_near_are_judged_separately() -> None:
     fixes = [ScanFix.of([hypothesis(x_m, 0.7)]) for x_m in (1.9, 2.1, 14.0, 16.0)]
     fixes.append(ScanFix.of([hypothesis(50, 0.7), hypothesis(0, 0.6)]))
     known_evidence = FixEvidence(
@@ -63,7 +63,7 @@ def test_right_and_near_are_reported_apart() -> None:
     assert OF_SCANS.right(np.full((1, 4, 4), np.nan), np.eye(4)[None]).tolist() == [False]
 
 
-def test_a_target_precision_takes_as_many_blocks_and_is_kept_if_one_more_were_wrong() -> None:
+def test_a_target_precision_is_reached_only_if_one_more_wrong_block_would_not_break_it() -> None:
     """Of 200 blocks .8 are seen: 160 accepted ones keep .99 (159 of 160 would), not .999; of 100
     blocks 80 keep .95 alone."""
     many, few = (evidence(blocks).verdict(0.2) for blocks in (200, 100))
@@ -73,14 +73,12 @@ def test_a_target_precision_takes_as_many_blocks_and_is_kept_if_one_more_were_wr
     assert few.thresholds == {0.95: tuple(few.claim_thresholds[claim][0] for claim in CLAIMS)}
 
 
-def test_wrong_ones_among_the_right_break_a_target_precision() -> None:
+def test_wrong_fixes_among_the_accepted_break_a_target_precision() -> None:
     """20 of 200 unseen blocks look right and count .2 each: 4 of 164 wrong keeps .95, not .99."""
     assert evidence(200, wrong=20).verdict(0.2).kept == (0.95,)
 
 
-def test_no_fix_is_accepted_whose_own_error_probability_is_far_over_what_a_target_precision_allows() -> (
-    None
-):
+def test_no_fix_is_accepted_at_many_times_the_error_of_the_target_precision() -> None:
     """All are right, those of little overlap too, and no limit breaks a target precision: .05
     allows an error probability of a half, .01 a tenth."""
     fixes = [
@@ -93,17 +91,17 @@ def test_no_fix_is_accepted_whose_own_error_probability_is_far_over_what_a_targe
     assert thresholds["fix"] == pytest.approx([0.5, 0.1, 0.01])
 
 
-def test_a_threshold_stands_in_the_middle_of_a_gap() -> None:
-    """Odds of 1/9 and 9: in the middle 1."""
+def test_a_threshold_lies_in_the_middle_of_a_gap() -> None:
+    """The middle of the odds 1/9 and 9 is 1."""
     assert middle(np.array([0.05, 0.1, 0.9]), 0.11) == pytest.approx(0.5)
     assert middle(np.array([0.05, 0.1]), 0.11) == 0.11  # beyond all there is no gap
     assert middle(np.array([0.5]), ACCEPT_NOTHING) == ACCEPT_NOTHING
 
 
-def test_without_evidence_nothing_is_pose_thresholds() -> None:
+def test_without_evidence_nothing_is_accepted() -> None:
     none: FixEvidence[ScanFix] = FixEvidence.joined([])
     assert none.verdict(0.2).claim_thresholds["fix"] == (ACCEPT_NOTHING,) * len(TARGET_PRECISIONS)
 
 
-def test_joined_evidence_numbers_blocks_on() -> None:
+def test_joined_evidence_has_consecutive_numbers_of_blocks() -> None:
     assert FixEvidence.joined([evidence(2), evidence(1)]).block.tolist() == [0, 0, 1, 1, 2, 2]

@@ -36,7 +36,7 @@ def result(query: Seen, ahead_m: float = 0.0) -> Agreement:
     return agreement(WALLS, 0.5, seen(wall(30.5)), query, planar(ahead_m, 0, 0))
 
 
-def test_walls_speak_for_and_against_a_pose_and_hidden_ones_say_nothing() -> None:
+def test_walls_are_evidence_for_or_against_a_pose_and_hidden_walls_are_none() -> None:
     assert result(seen(wall(30.5))) == Agreement(1.0, 1.0, 1.0)
     behind = result(seen(wall(30.5), wall(38.5)))
     assert behind.structure == 1.0
@@ -53,7 +53,7 @@ def test_the_maps_walls_are_seen_again_or_seen_through_or_hidden() -> None:
     assert result(seen(wall(38.5))).seen_again == 0.0
     half = result(seen(wall(30.5)[wall(30.5)[:, 1] > 0], wall(38.5)[wall(38.5)[:, 1] < 0]))
     assert half.seen_again == pytest.approx(0.5, abs=0.05)
-    # Hidden: nothing speaks for the pose
+    # The wall is hidden: there is no evidence for the pose
     assert result(seen(wall(15.5, half_m=9.0))).seen_again == 0.0
 
 

@@ -83,8 +83,8 @@ def test_branch_and_bound_finds_what_an_exhaustive_search_finds(seed: int) -> No
     assert walls.match(chart, turned).score == sums.max() / (WALL * turned.shape[1])
 
 
-def test_cells_beyond_the_range_are_reported_apart_too() -> None:
-    """Changed places are looked for among walls of another scan, which may lie anywhere."""
+def test_cells_beyond_the_range_have_middles_of_their_own_too() -> None:
+    """The walls of another scan, in which changes are searched for, may lie anywhere."""
     rng = np.random.default_rng(0)
     walls_m = rng.uniform(-300, 300, (2000, 3))
     rows = np.unique(np.floor(walls_m[:, :2]), axis=0) + 0.5

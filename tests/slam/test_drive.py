@@ -34,9 +34,9 @@ def estimate(log: Log) -> Estimates:
 
 
 def off_m(estimate: Estimates, world_T_scan: np.ndarray) -> np.ndarray:
-    """How far the poses (n,) are from the true ones, in metres, the first placed on one another."""
-    laid = world_T_scan[0] @ np.linalg.inv(estimate.world_T_scan[0]) @ estimate.world_T_scan
-    return distance_and_turn(laid, world_T_scan)[0]
+    """The distance (n,) of the poses from the true poses in metres, with both first poses aligned."""
+    aligned = world_T_scan[0] @ np.linalg.inv(estimate.world_T_scan[0]) @ estimate.world_T_scan
+    return distance_and_turn(aligned, world_T_scan)[0]
 
 
 def test_a_round_without_any_odometry_is_found(estimate: Estimates) -> None:
@@ -46,7 +46,8 @@ def test_a_round_without_any_odometry_is_found(estimate: Estimates) -> None:
 
 
 def test_loops_join_the_second_round_with_the_first(estimate: Estimates) -> None:
-    """From scan 92 on the drive is within 8 m of where it began; of 26 m some 4 to 6 are asked."""
+    """From scan 92 on the drive is within 8 m of its start; of 26 m, some 4 to 6 keys are searched
+    for loops."""
     assert len(estimate.used) >= 3
     assert estimate.used.all()
     assert np.abs(estimate.later - estimate.earlier - ROUND).max() <= 12
@@ -56,7 +57,7 @@ def test_loops_join_the_second_round_with_the_first(estimate: Estimates) -> None
 
 
 def test_the_steps_are_those_of_the_log_where_it_has_odometry() -> None:
-    """Odometry that is 2 % too long is a guess, no more."""
+    """Odometry that is 2 % too long is only a first guess."""
     odom_T_scan = circle(12)
     odom_T_scan[:, :3, 3] *= 1.02
     estimate = QUICK.estimate(drive(circle(12), odom_T_scan), Progress())
@@ -122,8 +123,8 @@ def test_unreadable_and_empty_scans_are_left_out_and_counted() -> None:
     assert estimate.posed.sum() == 18
     assert estimate.skipped == {"too few points": 1, "unreadable scan": 1}
     posed = estimate.posed
-    laid = circle(20)[0] @ np.linalg.inv(estimate.world_T_scan[0]) @ estimate.world_T_scan
-    assert distance_and_turn(laid[posed], circle(20)[posed])[0].max() < 0.2
+    aligned = circle(20)[0] @ np.linalg.inv(estimate.world_T_scan[0]) @ estimate.world_T_scan
+    assert distance_and_turn(aligned[posed], circle(20)[posed])[0].max() < 0.2
 
 
 def test_the_same_log_makes_the_same_poses() -> None:

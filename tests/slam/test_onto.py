@@ -21,10 +21,10 @@ pytest.importorskip("gtsam")
 COUNT = 40
 
 
-def test_a_further_day_is_laid_onto_the_map_and_its_artifact_gives_a_log_these_poses(
+def test_a_further_day_is_located_on_the_map_and_its_artifact_gives_a_log_these_poses(
     tmp_path: Path,
 ) -> None:
-    """It begins 10 m farther on, drives the other way, and has an odometry of its own."""
+    """It begins 10 m farther on, drives the other way, and has its own odometry."""
     later_poses = circle(COUNT)[10:34][::-1]
     later = drive(later_poses)
     estimate = estimate_onto(QUICK, later, drive(circle(COUNT)), circle(COUNT), Progress())
@@ -60,7 +60,7 @@ def test_scans_without_a_pose_are_left_out_and_counted(tmp_path: Path) -> None:
     assert len(log.points(8)) == len(drive(circle(10)).points(9))
 
 
-def test_scans_are_handed_on_as_they_lay_at_their_stamp(tmp_path: Path) -> None:
+def test_scans_are_deskewed_to_their_stamps(tmp_path: Path) -> None:
     """All points are measured half a step after the stamp, when the robot is .5 m farther on."""
     estimate = QUICK.estimate(drive(circle(6)), Progress())
     store.write(tmp_path / "day.zarr", estimate)
