@@ -78,8 +78,8 @@ class Settings:
     scans: Path
     submaps: Path
     map: Path
-    """Folder of the first day's map, which only the order `self_training` reads; it makes the map if
-    the folder lacks it."""
+    """Folder of the first day's map, which only the order `self_training` reads; it makes the map
+    if the folder lacks it."""
     out: Path
     timing: Path
     """File for the CPU time of each step."""
