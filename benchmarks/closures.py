@@ -1,22 +1,22 @@
 """Poses and verdicts of one test day by peers: `python -m benchmarks.closures ARTIFACTS
 STUDY/GRID/MODEL DAY [EVERY [PEERS]]`.
 
-It reads artifacts that `dvc repro` built of a study with poses, and asks every so many queries.
-PEERS is a folder of programs built by benchmarks/PEERS.md. A peer that is not there is left out
-with a line. Everyone decides by a threshold of its own:
+It reads artifacts that `dvc repro` built of a study with poses, and takes every EVERY-th query.
+PEERS is a folder of programs built by benchmarks/PEERS.md. A line says which peers are left out
+because they are not there. Each decides by a threshold of its own:
 
-  - yearloc by its target precision, .99; its poses and verdicts are those of the artifact, and the
-  time is that of a fix
-- MapClosures by its inliers, of local maps of what was driven through last, and of local maps as
-  its authors cut them
-- GICP by whether it came to rest, from Scan Context's first candidates and headings
+- yearloc by the threshold of its target precision .99; its poses and verdicts are those of the
+  artifact, and the time is that of a fix
+- MapClosures by its inliers, with local maps of the path driven last, and with local maps as its
+  authors cut them
+- GICP by whether it converged, from Scan Context's first candidates and headings
 - KISS-Matcher by its inliers with the map's tiles, submaps at least TILE_M apart
 
-Others decide nothing, and start from the ranking's first CANDIDATES: yearloc without going on to
-others and to the whole map, ICP and GICP from the matches of walls there.
+Further rows decide nothing, and start from the ranking's first CANDIDATES: yearloc without going on
+to other candidates and to the whole map, ICP and GICP from the matches of walls there.
 
-Time is CPU time a query, one thread, once points, local maps, rankings and the map's clouds are
-there.
+Time is CPU time a query, on one thread, without the time to load or build points, local maps,
+rankings and the map's clouds.
 """
 
 import os
@@ -53,13 +53,13 @@ TILE_M = 20.0
 CANDIDATES = 5
 VOXEL_M = 0.5
 REACHES_M = (4.0, 1.0)
-"""Between pairs of ICP and GICP: so far apart at first, and then."""
+"""Largest distance of pairs in ICP and GICP: at first, and then."""
 LOCAL_M = (100.0, 60.0)
 """How far a local map of MapClosures reaches: what its program takes, and what suits drives of a
 kilometre better."""
 ICP = {"ICP, point to point": "ICP", "ICP, point to plane": "PLANE_ICP", "GICP": "GICP"}
 LEAST_INLIERS = 5
-"""From so many inliers on KISS-Matcher's examples call a registration a success."""
+"""With at least so many inliers KISS-Matcher's examples call a registration a success."""
 One = Callable[[int, Points], tuple[NDArray[np.float64], bool]]
 """A query's row and points (n, 3) → world_T_query (4, 4) and whether it is accepted."""
 Guesses = Callable[[int, Points], Iterable[tuple[int, NDArray[np.float64]]]]
@@ -75,7 +75,7 @@ class Answers:
     world_T_true: Poses
     accepted: NDArray[np.bool_]
     seen: NDArray[np.bool_]
-    """(q,) training went by."""
+    """(q,) whether training passed nearby."""
     took_ms: NDArray[np.float64]
 
     def line(self, name: str) -> str:
@@ -99,7 +99,7 @@ class Answers:
         )
 
     def right_from_above(self) -> NDArray[np.bool_]:
-        """Which are right but for height, roll and pitch."""
+        """Which poses are right if height, roll and pitch are ignored."""
         off_m = np.linalg.norm(self.world_T_query[:, :2, 3] - self.world_T_true[:, :2, 3], axis=1)
         turn_deg = np.abs(wrapped_deg(np.rad2deg(yaw(self.world_T_query) - yaw(self.world_T_true))))
         right_m, right_deg = OF_SCANS.right_within
@@ -107,7 +107,7 @@ class Answers:
 
 
 class Day:
-    """The artifacts of one day, and the queries that are asked."""
+    """The artifacts of one day, and the rows of the queries."""
 
     def __init__(self, artifacts: Path, model: str, sequence: str, every: int) -> None:
         study = model.split("/")[0]
@@ -131,15 +131,15 @@ class Day:
             yield row, next(iter(submap_points(self.scans, self.submaps, slice(row, row + 1))))
 
     def near(self, world_T_a: Poses) -> NDArray[np.bool_]:
-        """Which of these (n, 4, 4) training went by."""
+        """Which of these poses (n, 4, 4) training passed nearby."""
         anchors_m = self.targets.world_T_anchor[:, :2, 3]
         return np.asarray(
             np.linalg.norm(world_T_a[:, None, :2, 3] - anchors_m, axis=2).min(axis=1) < SEEN_M
         )
 
     def asked(self, one: One, prepares: bool) -> Answers:
-        """What a peer says of each query; one that `prepares` the map's clouds when it first meets
-        them is asked twice."""
+        """The answers of a peer; a peer that `prepares` the map's clouds at their first use is
+        called twice for each query."""
         found = []
         accepted = []
         took_ms = []
@@ -161,7 +161,7 @@ class Day:
 
 
 def yearloc(day: Day, fixer: Fixer) -> Answers:
-    """Poses and verdicts of the artifact; the time is of the same fixes, made again."""
+    """Poses and verdicts of the artifact; the time is of the same fixes, computed again."""
     novelty = day.fixes.load("novelty")[:, 0]
     made = from_ranking(day, fixer)
     accepted = novelty[day.rows] < day.fixes.pose_thresholds[1]
@@ -214,8 +214,8 @@ def of_scan_context(day: Day) -> Guesses:
 
 
 def registered(day: Day, kind: str, guesses: Guesses, decides: bool) -> Answers:
-    """The guess of the most inliers, registered by small_gicp; one that `decides` accepts where
-    the registration came to rest."""
+    """The guess with the most inliers, registered by small_gicp. If it `decides`, it accepts where
+    the registration converged."""
     prepared = lru_cache(128)(
         lambda row: small_gicp.preprocess_points(day.targets.points_m(row), VOXEL_M, 10)
     )
@@ -247,7 +247,7 @@ def registered(day: Day, kind: str, guesses: Guesses, decides: bool) -> Answers:
 
 
 def kiss(day: Day) -> Answers:
-    """KISS-Matcher at 1 m voxels with every tile of the map; that of the most inliers counts."""
+    """KISS-Matcher at 1 m voxels with every tile of the map; the one with most inliers counts."""
     import kiss_matcher
 
     anchors_m = day.targets.world_T_anchor[:, :2, 3]
@@ -276,8 +276,7 @@ def kiss(day: Day) -> Answers:
 
 
 def map_closures(day: Day, program: Path, reach_m: float) -> Iterator[tuple[str, Answers]]:
-    """Of our queries, and of local maps as its authors cut them; its database has training's, so
-    cut."""
+    """MapClosures on our queries, and on local maps as its authors cut them, like its database."""
     with TemporaryDirectory() as scratch:
         train, test, out = (Path(scratch, f"{each}.npz") for each in ("train", "test", "out"))
         layout = day.submaps.layout

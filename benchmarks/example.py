@@ -1,9 +1,9 @@
-"""Makes the site and the scans of `yearloc example`, and asks the site about more of those days.
+"""Makes the site and the scans of `yearloc example`, and queries the site with more of those days.
 
 `python -m benchmarks.example SITE LOGS`: `make example` has packed and exported the demo's site
-before, and LOGS are the simulated logs that it was made of. The site keeps the map of the first
-STRETCH_M of training; what its network and its verdict learned stays. Scans are chosen by where
-they were taken and by what has changed there, never by what the site answers.
+before, and LOGS are the simulated logs that it was made of. The new site has the map of the first
+STRETCH_M of training, with the same network and verdict. Scans are chosen by where they were taken
+and by what has changed there, never by what the site answers.
 """
 
 import sys
@@ -26,17 +26,17 @@ from pipeline.posing.verdict import OF_SCANS
 
 STRETCH_M = 300.0
 SEEN_M = 5.0
-"""A place counts as learned if training passed so near."""
+"""A place counts as learned if training passed nearer than this."""
 WALL_M = 0.5
 """Points below are ground, which does not change."""
 EVERY = 5
-"""Of the drives, every so many scans near the stretch and away from it are asked."""
+"""Every EVERY-th scan of a drive near the stretch is localised, and half as many away from it."""
 CHANGED_M = 0.5
-"""A point has changed if the map has none so near."""
+"""A point has changed if the map has no point nearer than this."""
 
 
 def main(whole: Path, logs: Path) -> None:
-    """Cut, choose, write, and ask."""
+    """Cut the map, choose scans, write both, and count the answers."""
     parts = read(whole)
     write(SITE, parts._replace(arrays=stretch(parts.arrays)))
     site = Site.open(SITE)
@@ -98,7 +98,7 @@ def farthest(site: Site, drive: list[Scan]) -> Scan:
 
 
 def most_changed(site: Site, drive: list[Scan]) -> Scan:
-    """The scan of a learned place of whose standing things the map has the least share."""
+    """The scan of a learned place with the smallest share of points that the map has too."""
     parts = [
         transformed(pose, site.targets.points_m(row))
         for row, pose in enumerate(site.targets.world_T_anchor)

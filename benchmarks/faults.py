@@ -3,7 +3,7 @@
 
 PROJECT is a clone in which `yearloc repro` has ended, with logs of its own, such as `world=tiny`. A
 stage, a run of `dvc repro` or a command is stopped at a random moment and called again: it must end
-with the bytes of an undisturbed one. Full disks are small ones, which only root can mount. Every
+with the bytes of an undisturbed run. Full disks are small ones, which only root can mount. Every
 case ends as one of ENDINGS; the last two must be 0. Cases go to faults.jsonl in the working folder;
 a campaign that was cut off goes on after the last of them. Damaged files and strange words on the
 command line are tests: tests/test_faults.py and tests/readers.
@@ -217,7 +217,7 @@ def published(project: Path) -> Any:
 
 
 def swept(project: Path) -> Any:
-    """The rows that the last sweep recorded; of artifacts that it found or built again similar."""
+    """The rows that the last sweep recorded, the same for found and for rebuilt artifacts."""
     last = max((project / ".sweeps/runs").iterdir(), key=lambda folder: folder.stat().st_mtime_ns)
     return [
         json.loads(path.read_text(encoding="utf-8"))["rows"] for path in sorted(last.glob("*.json"))

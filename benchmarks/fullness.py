@@ -1,4 +1,4 @@
-"""How full scans and their views are, the same figures of recorded and of simulated logs.
+"""How full scans and their views are: the same figures for recorded and simulated logs.
 
 `python -m benchmarks.fullness LOG …` prints them side by side: a LOG is a world's yaml, KITTI's
 folder of a sequence with poses, the folder of NCLT's key frames, or one scan of either. A log is
@@ -25,9 +25,9 @@ from pipeline.views.scan_context import ScanContext
 from worlds.simulation import Simulation
 
 STRETCHES = 12
-"""Stretches of a log, spread evenly over it, of which each figure is the mean."""
+"""Stretches of a log, spread evenly over it; each figure is their mean."""
 SCANS = 16
-"""Of a stretch."""
+"""Scans of a stretch."""
 KITTI_HEIGHT_M = 1.73
 NCLT_HEIGHT_M = 0.957
 KEY_FRAMES_LIFT_M = 0.78
@@ -59,18 +59,18 @@ def figures(log: Log) -> dict[str, float]:
 def _of_a_stretch(scans: list[Scan], sensor_m: float) -> dict[str, float]:
     wide = BirdView(Octree(sensor_height_m=sensor_m))
     near = BirdView(Octree(edge_m=30.0, sensor_height_m=sensor_m))
-    grown = wide.octree.grow()
+    octree_map = wide.octree.grow()
     for points_m, pose in scans:
-        grown.insert(points_m, pose)
+        octree_map.insert(points_m, pose)
     last_m, last = scans[-1]
-    image = wide.draw(grown, wide.standing(last_m, last))[0]
+    image = wide.draw(octree_map, wide.standing(last_m, last))[0]
     alone = wide(last_m)[0]
     near_alone = near(last_m)[0]
     above_m = heights_m(wide, last_m)
     contexts = {"": AUTHORS(last_m), ", paper": PAPER(last_m)}
     edges_m = (-np.inf, *HEIGHTS_M, np.inf)
     shares = np.histogram(above_m, edges_m)[0] / len(above_m)
-    reported = {
+    fullness = {
         "points": float(len(last_m)),
         ".3-5 m": float(shares[1:5].sum()),
         "50 m light": image.mean() / 255,
@@ -81,10 +81,10 @@ def _of_a_stretch(scans: list[Scan], sensor_m: float) -> dict[str, float]:
         "30 m lit": float((near_alone > 0).mean()),
     }
     for rule, bins in contexts.items():
-        reported[f"bins{rule}"] = float((bins != 0).mean())
-        reported[f"columns{rule}"] = float((bins != 0).any(0).mean())
+        fullness[f"bins{rule}"] = float((bins != 0).mean())
+        fullness[f"columns{rule}"] = float((bins != 0).any(0).mean())
     names = ["< .3", ".3-1", "1-2", "2-3", "3-5", "> 5"]
-    return reported | {name: float(share) for name, share in zip(names, shares, strict=True)}
+    return fullness | {name: float(share) for name, share in zip(names, shares, strict=True)}
 
 
 def heights_m(view: BirdView, points_m: NDArray[np.floating]) -> NDArray[np.float64]:

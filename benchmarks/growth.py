@@ -1,8 +1,8 @@
 """What a study costs as it grows: `python -m benchmarks.growth --sizes 10 30 100`.
 
 For each size a copy of the project gets that many short drives past the same walls, and builds all
-of the study. Printed are the totals and, between two sizes, what each further drive cost: a column
-whose cost a drive rises is not linear.
+of the study. It prints the totals and, between two sizes, the cost of each further drive: a column
+in which this cost rises is not linear.
 """
 
 import argparse
@@ -54,8 +54,7 @@ def record(folder: Path, sequences: int) -> None:
 
 
 def build(project: Path) -> tuple[Trace, float]:
-    """What `dvc repro` used with all that it started, and the CPU seconds of its own process
-    alone."""
+    """What `dvc repro` used with its children, and the CPU seconds of its own process alone."""
     own_s = 0.0
     with (
         chdir(project),
@@ -86,8 +85,7 @@ def build(project: Path) -> tuple[Trace, float]:
 
 
 def page(project: Path) -> tuple[float, int]:
-    """Seconds and bytes of what MLflow's page asks for first: the runs of the study, with all that
-    they hold."""
+    """Seconds and bytes of what MLflow's page requests first: the runs of the study, complete."""
     with socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]

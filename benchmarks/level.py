@@ -3,23 +3,23 @@
 `python -m benchmarks.level CARMEN [--logs intel,fhw] [--shares .4,.5] [--queries 50]` maps the
 first 40 % of the sweeps of each log, and then the first half, by their corrected poses, and
 localises sweeps of the rest, evenly chosen, each gathered over the raw odometry before it (ODOM
-lines). CARMEN is a folder of NAME-corrected.log.gz, as `yearloc fetch carmen` lays it. It prints
+lines). CARMEN is a folder of NAME-corrected.log.gz, as `yearloc fetch carmen` writes it. It prints
 the table of docs/how-to/level.md, a row a map: square metres that are free; the share of queries
 that were seen (the map's path within 2 m); of these the share that is right (within 1 m and 10°),
 by the fix and by two baselines: the best cell of a single sweep in the same likelihood field, as
 an exhaustive search finds it, since branch and bound is exact, and ICP (Besl and McKay, PAMI 1992)
-of the sweep from there; then for .95 and .99 the share of all queries that is accepted, of the
-seen ones, and how many of the accepted are wrong, and of these how many `by the log`: its other
-sweeps contradict the pose that it gives; CPU time of one thread from points to verdict,
-median and 95 %.
+of the sweep from there; then for the target precisions .95 and .99 the accepted share of all
+queries and of the seen queries, how many accepted poses are wrong, and how many of these `by the
+log`, whose other sweeps contradict the log's own pose; and CPU time of one thread from points to
+verdict, median and 95 %.
 
-Probabilities and limits are verdict.USUAL and USUAL_THRESHOLDS, the limits lowered where validation
-stretches of the mapped part say so; queries have no part in them. `--usual` prints these two again,
-from validation stretches of the first halves of TUNED alone.
+Probabilities and thresholds are verdict.USUAL and USUAL_THRESHOLDS; a threshold is lowered if
+validation stretches of the mapped part require it. Queries have no part in them. `--usual` learns
+these two again, from validation stretches of the first halves of TUNED alone, and prints them.
 
 `--kidnapped FILE.gif` draws instead how a robot is lost and found again: it follows the second half
-of a log by its odometry, and is carried over CARRIED sweeps in the middle, of which odometry says
-nothing.
+of a log by its odometry. In the middle it is carried over CARRIED sweeps, which the odometry does
+not contain.
 """
 
 import os
@@ -59,21 +59,22 @@ from pipeline.report.figures import level_plan
 
 LOGS = ("intel", "fhw", "seattle", "csail", "aces", "freiburg-101", "freiburg-campus")
 TUNED = ("intel", "fhw", "seattle")
-"""Whatever was chosen by looking was chosen on these."""
+"""The logs on which settings were tuned by hand."""
 SHARES = (0.4, 0.5)
 SEEN_M = 2.0
 VALIDATION = 24
-"""Validation stretches of a map at most."""
+"""The most validation stretches of a map."""
 COMPARED_PRECISIONS = (0.95, 0.99)
 COUNTS = 5
 """Numbers of a row for each of COMPARED_PRECISIONS."""
 ICP_STEPS = 30
 ICP_M = 1.0
-"""Hits and walls farther apart are no pair."""
+"""Largest distance of a pair of hit and wall."""
 LOG_M = 1.0
 LOG_DEG = 20.0
 LOG_OFF = 0.2
-"""A log's pose is in doubt where another so near fits the sweep better by this mean likelihood."""
+"""A log's pose is unreliable if another pose within LOG_M and LOG_DEG fits the sweep better by this
+mean likelihood."""
 CARRIED = 30
 HEADER = (
     "log",
@@ -94,7 +95,7 @@ HEADER = (
 
 @dataclass(frozen=True)
 class Trial:
-    """A log whose first part was mapped, and whose other part was asked."""
+    """A log whose first part was mapped, and whose other part gave the queries."""
 
     name: str
     share: float
@@ -111,7 +112,7 @@ class Trial:
     sweeps: Sweeps
     """All of the log."""
     rows: NDArray[np.int64]
-    """(query,) which of these it is."""
+    """(query,) the row of each query among these."""
     ms: NDArray[np.float64]
     """(query,) CPU time from points to verdict, matching of the newest sweep included."""
 
@@ -123,7 +124,7 @@ def read(folder: Path, name: str) -> Sweeps:
 
 
 def trial(sweeps: Sweeps, name: str, share: float, queries: int) -> Trial:
-    """Map the first part of a log and ask for sweeps of the rest."""
+    """Map the first part of a log and localise sweeps of the rest."""
     first = int(share * len(sweeps.world_T_sweep))
     day = LevelDay.of(sweeps.part(0, first), UNSEEN_SHARE, LevelValidation(most=VALIDATION))
     asked = sweeps.part(first, len(sweeps.world_T_sweep))
@@ -197,8 +198,8 @@ def registered(
 def is_log_unreliable(sweeps: Sweeps, row: int) -> bool:
     """Whether a log's other sweeps contradict the pose that it gives one of them.
 
-    Asked are poses that differ by more than half of what is right, within LOG_M and LOG_DEG; no fix
-    has a part in it.
+    Candidates are poses within LOG_M and LOG_DEG that differ by more than half of what counts as
+    right. No fix is used.
     """
     count = len(sweeps.world_T_sweep)
     drawing = Drawing.of([sweeps.points(other) for other in range(count)], sweeps.world_T_sweep)
@@ -231,24 +232,23 @@ def _in_world(field: Field, grid_pose: NDArray[np.float64]) -> NDArray[np.float6
 
 
 def numbers(result: Trial) -> list[float]:
-    """What a row is made of: shares, and for each of COMPARED_PRECISIONS COUNTS numbers.
+    """The numbers of a row: shares, and for each of COMPARED_PRECISIONS COUNTS numbers.
 
-    These are the shares accepted of all and of seen, how many are wrong, accepted, and wrong where
-    the log is in doubt.
+    These are the accepted shares of all and of seen queries, and how many poses are wrong, are
+    accepted, and are wrong while the log is unreliable.
     """
     thresholds = dict(
         zip(TARGET_PRECISIONS, result.day.verdict.claim_thresholds["fix"], strict=True)
     )
-    error_probabilities = np.array(
-        [query.error_probabilities[0] for query in result.queries]
-    ).astype(np.float32)
+    errors = [query.error_probabilities[0] for query in result.queries]
+    error_probability = np.array(errors, np.float32)
     good = OF_SWEEPS.right(np.array([query.pose for query in result.queries]), result.world_T_true)
     seen = result.seen
     values = [float(seen.mean()), float(good[seen].mean())]
     for poses in (result.cells, result.icp):
         values.append(float(OF_SWEEPS.right(poses, result.world_T_true)[seen].mean()))
     for target_precision in COMPARED_PRECISIONS:
-        accepted = error_probabilities < thresholds[target_precision]
+        accepted = error_probability < thresholds[target_precision]
         wrong = accepted & ~good
         unreliable = sum(
             is_log_unreliable(result.sweeps, row) for row in result.rows[wrong].tolist()
@@ -263,8 +263,8 @@ def cells_of(values: Sequence[float]) -> list[str]:
     texts = [f"{values[0]:.2f}", *(f"{share:.3f}" for share in values[1:4])]
     for first in range(4, 4 + COUNTS * len(COMPARED_PRECISIONS), COUNTS):
         of_all, of_seen, wrong, accepted, unreliable = values[first : first + COUNTS]
-        doubted = f" ({unreliable:.0f} by the log)" if unreliable else ""
-        texts.append(f"{of_all:.2f} {of_seen:.2f} {wrong:.0f}/{accepted:.0f}{doubted}")
+        by_log = f" ({unreliable:.0f} by the log)" if unreliable else ""
+        texts.append(f"{of_all:.2f} {of_seen:.2f} {wrong:.0f}/{accepted:.0f}{by_log}")
     return [*texts, f"{values[-2]:.0f}, {values[-1]:.0f}"]
 
 
@@ -293,7 +293,7 @@ def table(folder: Path, logs: Sequence[str], shares: Sequence[float], queries: i
 
 
 def usual(folder: Path) -> None:
-    """Print the usual probabilities and limits, learned again."""
+    """Learn the usual probabilities and thresholds again, and print them."""
     parts = []
     for name in TUNED:
         sweeps = read(folder, name)

@@ -1,15 +1,15 @@
 """Whether a level site accepts a wrong pose of sweeps that are broken, or of another building.
 
 `python -m benchmarks.mutated_sweeps CARMEN [--count 2000] [--logs fhw,csail]` maps the first half
-of each of five recorded buildings, as the site of a Nav2 map is, and asks it for sweeps of the
-other half, drawn at random and mutated in one of KINDS, every other one gathered over its odometry
-and the others alone. CARMEN is as of benchmarks.level. A row a kind: how many were asked, accepted
-with the target precision .99, and how many of these are wrong: over 1 m or 10° off; and of the
-wrong ones how many where the log's own pose is in doubt, since its other sweeps contradict it. A
-laser that is turned about its own axis asks for the pose of its own frame. Of another building's
-sweeps each accepted pose is wrong. The last row is of sweeps as they were recorded.
+of each of five recorded buildings, as for the site of a Nav2 map, and localises sweeps of the other
+half, drawn at random and mutated in one of KINDS. Every other sweep is gathered over its odometry;
+the others stand alone. CARMEN is as in benchmarks.level. Each row is a kind: how many sweeps were
+queried; how many were accepted at the target precision .99; how many of these are wrong, more than
+1 m or 10° off; and how many of the wrong ones have a log whose other sweeps contradict its own
+pose. A laser that is turned about its own axis has to find the pose of its own frame. Of another
+building's sweeps each accepted pose is wrong. The last row is of sweeps as they were recorded.
 
-What tells such sweeps was chosen on Intel, which is left out.
+How such sweeps are recognised was tuned on Intel, which is left out.
 """
 
 import os
@@ -145,7 +145,7 @@ class Counts:
     accepted: int = 0
     wrong: int = 0
     unreliable: int = 0
-    """Of the wrong ones, those whose pose in the log its other sweeps contradict."""
+    """Wrong poses for which the log's other sweeps contradict its own pose."""
 
     @property
     def cells(self) -> list[str]:
@@ -155,7 +155,7 @@ class Counts:
 def counted(
     kind: str, count: int, logs: Sequence[Sweeps], buildings: Sequence[tuple[LevelDay, Sweeps]]
 ) -> Counts:
-    """Ask so many sweeps of one kind, drawn at random for this kind alone."""
+    """Localise `count` sweeps of one kind, drawn at random for this kind alone."""
     rng = np.random.default_rng(list(KINDS).index(kind))
     counts = Counts()
     for number in range(count):
@@ -196,7 +196,7 @@ def main() -> None:
     logs = [read(options.folder, name) for name in options.logs.split(",")]
     buildings = [building(log) for log in logs]
     kinds = [kind for kind in KINDS if kind != OTHER or len(buildings) > 1]
-    print(line(["sweeps", "asked", "accepted", "wrong", "of these, log in doubt"]))
+    print(line(["sweeps", "queried", "accepted", "wrong", "of these, by the log"]))
     print(line(["---"] * 5), flush=True)
     for kind in kinds:
         counts = counted(kind, options.count // (len(KINDS) - 1), logs, buildings)

@@ -1,5 +1,4 @@
-"""Racing candidates fairly on a shared machine: interleaved, in one process, one thread, CPU time,
-medians."""
+"""Fair races on a shared machine: interleaved, in one process and thread, medians of CPU time."""
 
 import statistics
 import time
@@ -15,7 +14,7 @@ class Race:
     median_ms: Mapping[str, float]
 
     def table(self) -> str:
-        """Each candidate's median, and every other's ratio to the first."""
+        """The median of each candidate, and its ratio to the first."""
         first = next(iter(self.median_ms.values()))
         rows = [
             f"  {name:<42} {ms:9.3f} ms {ms / first:8.2f} ×" for name, ms in self.median_ms.items()
@@ -24,8 +23,10 @@ class Race:
 
 
 def race(name: str, candidates: Mapping[str, Callable[[int], object]], rounds: int = 60) -> Race:
-    """Call every candidate once a round, with the round's number so that it can change its input;
-    the first two do not count."""
+    """Call every candidate once a round, with the round's number, so that it can change its input.
+
+    The first two rounds do not count.
+    """
     took: dict[str, list[float]] = {candidate: [] for candidate in candidates}
     for number in range(rounds + 2):
         for candidate, call in candidates.items():

@@ -1,5 +1,4 @@
-"""Reading NCLT scans from the page cache: ours against numpy's structured types, struct, and the
-bytes alone."""
+"""Races to read cached NCLT scans: yearloc, numpy's structured types, struct, the bytes alone."""
 
 import struct
 import tempfile

@@ -1,8 +1,7 @@
-"""A load test of `yearloc serve`: requests a second, how long they take, and a thousand hostile
-bodies.
+"""A load test of `yearloc serve`: requests a second, their times, and a thousand hostile bodies.
 
 `python -m benchmarks.serving SITE FOLDER-OF-SCANS`: the server runs in processes of its own on this
-machine, which is all that is asked; wall time, since waiting is what a robot feels.
+machine. Times are wall times, since a robot waits for them.
 """
 
 import os

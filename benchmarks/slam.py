@@ -33,10 +33,10 @@ from pipeline.slam.drive import Slam, without_ground_truth
 
 BAD_M = 0.5
 BAD_DEG = 5.0
-"""A step off by more is bad."""
+"""A step with a larger error is bad."""
 WRONG_M = 2.0
 WRONG_DEG = 5.0
-"""A loop off by more is wrong."""
+"""A loop with a larger error is wrong."""
 PIECE_M = 100.0
 HEAD = (
     "| log | poses by | path m | ATE m | before loops m | in 100 m | bad steps | CPU-ms a scan "
@@ -46,7 +46,7 @@ HEAD = (
 
 @dataclass(frozen=True)
 class Errors:
-    """How far poses are off the ground truth; scans without a pose are left out."""
+    """Errors of estimated poses; scans without a pose are left out."""
 
     ate_m: float
     """Root mean square of the positions' errors after one rigid transform."""
@@ -57,7 +57,7 @@ class Errors:
 
 @dataclass(frozen=True)
 class Score:
-    """What one estimate of one log is worth."""
+    """The scores of one estimate of one log."""
 
     log: str
     way: str
@@ -90,9 +90,9 @@ class Score:
 
 
 def scores(name: str, log: Log, only: list[str]) -> Iterator[Score]:
-    """Score the log's own odometry, ours with and without it, and kiss-icp where installed.
+    """Score the log's own odometry, our poses with and without it, and kiss-icp if installed.
 
-    Of these the ways in `only`; all where it is empty.
+    If `only` is not empty, only the ways in it are scored.
     """
     ground_truth = log.world_T_scan
     path_m = float(steps_m(ground_truth).sum())
@@ -142,35 +142,33 @@ def ours(log: Log, use_log_odometry: bool) -> Estimates:
 
 
 def errors(ground_truth: Poses, estimate: Poses) -> Errors:
-    """The errors of poses (n, 4, 4), placed on the true ones."""
+    """The errors of poses (n, 4, 4) after alignment with the true poses."""
     known = np.isfinite(estimate).all((1, 2)) & np.isfinite(ground_truth).all((1, 2))
     ground_truth = ground_truth[known]
     estimate = estimate[known]
-    off_m = distance_and_turn(laid(estimate, ground_truth) @ estimate, ground_truth)[0]
+    off_m = distance_and_turn(alignment(estimate, ground_truth) @ estimate, ground_truth)[0]
     ate_m = float(np.sqrt((off_m**2).mean()))
     away_m, turn_deg = distance_and_turn(steps(ground_truth), steps(estimate))
     bad_steps = int(((away_m > BAD_M) | (turn_deg > BAD_DEG)).sum())
     return Errors(ate_m, piece_m(ground_truth, estimate), bad_steps)
 
 
-def laid(estimate: Poses, ground_truth: Poses) -> Poses:
-    """The rigid transform (4, 4) that lays poses (n, 4, 4) on true ones (Umeyama, PAMI 1991)."""
+def alignment(estimate: Poses, ground_truth: Poses) -> Poses:
+    """The rigid transform (4, 4) that aligns poses (n, 4, 4) with true poses (Umeyama, 1991)."""
     estimate_m = estimate[:, :3, 3]
-    ground_truth_m = ground_truth[:, :3, 3]
-    covariance = (estimate_m - estimate_m.mean(axis=0)).T @ (
-        ground_truth_m - ground_truth_m.mean(axis=0)
-    )
+    true_m = ground_truth[:, :3, 3]
+    covariance = (estimate_m - estimate_m.mean(axis=0)).T @ (true_m - true_m.mean(axis=0))
     U, _, Vt = np.linalg.svd(covariance)
     mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))])
-    ground_truth_T_estimate = np.eye(4)
-    ground_truth_T_estimate[:3, :3] = Vt.T @ mirror @ U.T
-    moved_m = ground_truth_T_estimate[:3, :3] @ estimate_m.mean(axis=0)
-    ground_truth_T_estimate[:3, 3] = ground_truth_m.mean(axis=0) - moved_m
-    return ground_truth_T_estimate
+    true_T_estimate = np.eye(4)
+    true_T_estimate[:3, :3] = Vt.T @ mirror @ U.T
+    moved_m = true_T_estimate[:3, :3] @ estimate_m.mean(axis=0)
+    true_T_estimate[:3, 3] = true_m.mean(axis=0) - moved_m
+    return true_T_estimate
 
 
 def piece_m(ground_truth: Poses, estimate: Poses) -> float:
-    """How far poses (n, 4, 4) are off in the mean after PIECE_M of path."""
+    """The mean error of position of poses (n, 4, 4) after PIECE_M of path."""
     path_m = np.concatenate([[0.0], np.cumsum(steps_m(ground_truth))])
     ends = np.searchsorted(path_m, path_m + PIECE_M)
     starts = np.flatnonzero(ends < len(ground_truth))
@@ -233,7 +231,12 @@ def opened(path: Path) -> Log:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser("python -m benchmarks.slam", description=__doc__)
     parser.add_argument("logs", nargs="+", metavar="NAME=FOLDER")
-    parser.add_argument("--way", action="append", default=[], help="this row alone, by its name")
+    parser.add_argument(
+        "--way",
+        action="append",
+        default=[],
+        help="Print only this row, by its name; may be repeated [all rows]",
+    )
     words = parser.parse_args()
     print(HEAD)
     for word in words.logs:

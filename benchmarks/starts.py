@@ -1,10 +1,10 @@
-"""How soon a robot that is put down anywhere on a day knows where it is: from the poses of single
-queries, alone and filtered.
+"""How soon a robot that starts anywhere on a day knows where it is, by single poses and filtered.
 
-`python -m benchmarks.starts ARTIFACTS STUDY/GRID/MODEL DAY`, for 500 random starts, with 1 % and 5
-% of drift added to the odometry, and .1° and .5° a metre; after 60 queries the robot is carried
-elsewhere. Where the study has a model `sad`, SeqSLAM's answers stand beside them: within 15 m,
-without a pose, known five queries later. Where training never was every accepted answer is wrong.
+`python -m benchmarks.starts ARTIFACTS STUDY/GRID/MODEL DAY`: there are 500 random starts. The
+odometry has an added drift of 1 % and .1° a metre, or 5 % and .5° a metre. After 60 queries the
+robot is carried elsewhere. If the study has a model `sad`, SeqSLAM's answers stand beside: right
+within 15 m, without a pose, known five queries later. Where training never was, every accepted
+answer is wrong.
 """
 
 import sys
@@ -65,7 +65,7 @@ def alone(day: Day, rows: NDArray[np.int64], rng: np.random.Generator) -> Answer
 
 
 def filtered(day: Day, rows: NDArray[np.int64], rng: np.random.Generator, drift: float) -> Answers:
-    """Through the filter; being carried leaves no trace in the odometry."""
+    """The filter's answers; the odometry does not contain the carrying."""
     odom = [np.eye(4)]
     scale = 1 + drift * rng.choice([-1, 1])
     sign = rng.choice([-1, 1])
@@ -104,7 +104,7 @@ def sequences(day: Day, rows: NDArray[np.int64], rng: np.random.Generator) -> An
 
 
 def line(day: Day, way: Way) -> str:
-    """What became of all starts, in a row of a table."""
+    """The results of all starts, as a row of a table."""
     rng = np.random.default_rng(0)
     accepted = np.zeros(2, int)
     wrong = np.zeros(2, int)

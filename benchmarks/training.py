@@ -1,8 +1,7 @@
-"""Training steps of SCI's network and of its ring: images a second, and the share of what the
-processor's arithmetic could do.
+"""Training steps of SCI's network and of `sci_ring`: images a second, and share of peak arithmetic.
 
-`python -m benchmarks.training`. On a processor by CPU time, one thread, against products of large
-matrices in the same precision; on a GPU, where there is one, by wall time, since it works while the
+`python -m benchmarks.training`: on a processor by CPU time of one thread, against products of large
+matrices in the same precision; on a GPU, if there is one, by wall time, since it works while the
 processor waits.
 """
 

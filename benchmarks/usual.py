@@ -1,11 +1,10 @@
-"""The usual probabilities, learned from worlds: `python -m benchmarks.usual CHAIN STUDY/GRID/MODEL
-…`.
+"""Learns the usual probabilities: `python -m benchmarks.usual CHAIN STUDY/GRID/MODEL …`.
 
 Each CHAIN is a folder with conf/ and artifacts/ in which `dvc repro` ranked later days of a world.
 Every EVERY-th query of each later day is searched for to the last round against the training day's
-map. What makes its hypotheses right is learned from all of them together, each world as one: the
-numbers of `probabilities.USUAL`, which every site starts from. So the worlds and days named here
-are those that USUAL knows; a claim about it takes others.
+map. From all hypotheses together, with equal weight for each world, it learns the numbers of
+`probabilities.USUAL`, which every site starts from. So USUAL has seen the worlds and days named
+here; it must be tested on others.
 """
 
 import os
@@ -33,9 +32,9 @@ from pipeline.posing.verdict import OF_SCANS
 
 EVERY = 5
 SURE = 0.999
-"""Searches go on: a perceptual alias shall be among the hypotheses."""
+"""High, so that searches go on until perceptual aliases are among the hypotheses."""
 WEIGHT = 100.0
-"""That a world's queries have together, however many they are."""
+"""Total weight of a world's queries, however many they are."""
 
 Searched = tuple[NDArray[np.float64], NDArray[np.bool_]]
 """The features (n, feature) of a query's hypotheses, and which are right (n,)."""

@@ -1,14 +1,14 @@
-"""What verdicts on poses are worth, day by day.
+"""How good verdicts on poses are, day by day.
 
 `python -m benchmarks.verdicts ARTIFACTS STUDY/GRID/MODEL [SITE]` reads the poses that `dvc repro`
-built. Of each day: how many of the queries that training saw (nearer than 5 m) have a right pose (2
-m and 5°); the calibration error, of the probability against the ground truth over ten bins of as
-many poses; the coverage, the share of all queries that could be accepted at a precision by a
-threshold chosen afterwards. Then a row a target precision: of the right poses the share that is
-accepted; wrong ones of those accepted, with an exact interval of 95 %; what is called near (within
-15 m) or ambiguous besides, and how much of the first is true.
+built. It prints for each day how many of the seen queries (training within 5 m) have a right pose
+(2 m and 5°); the calibration error of the probability over ten bins of equally many poses; and the
+coverage, the share of all queries that could be accepted at a precision by a threshold chosen
+afterwards. Then follows a row for each target precision: the accepted share of the right poses; the
+wrong poses of the accepted ones, with an exact 95 % interval; and how many queries are called near
+(within 15 m) or ambiguous, with how many of the near ones are right.
 
-With the file of a packed SITE every twentieth query is localised by it: CPU time of one thread from
+With the file of a packed SITE it localises every twentieth query: CPU time of one thread from
 points to fix, drawing and ranking included.
 """
 
@@ -36,7 +36,7 @@ PRECISIONS = (0.95, 0.99, 0.999)
 
 
 def interval(wrong: int, accepted: int) -> tuple[float, float]:
-    """Clopper and Pearson's, of 95 %."""
+    """The 95 % interval of Clopper and Pearson."""
     if not accepted:
         return 0.0, 1.0
     low = beta.ppf(0.025, wrong, accepted - wrong + 1) if wrong else 0.0
@@ -45,19 +45,16 @@ def interval(wrong: int, accepted: int) -> tuple[float, float]:
 
 
 def calibration(probability: NDArray[np.float64], good: NDArray[np.bool_]) -> float:
-    """The mean distance of probability from ground truth, over bins of as many poses."""
+    """The mean gap between probability and share right, over bins of equally many poses."""
     order = np.argsort(probability, kind="stable")
     parts = [part for part in np.array_split(order, BINS) if len(part)]
     off = [len(part) * abs(float(probability[part].mean() - good[part].mean())) for part in parts]
     return sum(off) / max(len(order), 1)
 
 
-def coverage(
-    error_probabilities: NDArray[np.float64], good: NDArray[np.bool_], precision: float
-) -> float:
-    """The largest share of all queries (q,) that can be accepted, by one error probability, at a
-    precision."""
-    order = np.argsort(error_probabilities, kind="stable")
+def coverage(error: NDArray[np.float64], good: NDArray[np.bool_], precision: float) -> float:
+    """The largest share of all queries (q,) that can be accepted at a precision, surest first."""
+    order = np.argsort(error, kind="stable")
     kept = np.flatnonzero(np.cumsum(good[order]) >= precision * np.arange(1, len(good) + 1))
     return float(kept.max(initial=-1) + 1) / max(len(good), 1)
 
@@ -68,7 +65,7 @@ def day(
     """The rows of one day."""
     n = len(world_T_true)
     world_T_query = fixes.load("world_T_query")[:n]
-    error_probabilities = fixes.load("novelty")[:n, : len(CLAIMS)].astype(np.float64)
+    errors = fixes.load("novelty")[:n, : len(CLAIMS)].astype(np.float64)  # probabilities
     away_m = np.linalg.norm(world_T_true[:, None, :2, 3] - world_T_anchor[:, :2, 3], axis=2).min(
         axis=1
     )
@@ -77,13 +74,11 @@ def day(
     near = (
         np.linalg.norm(world_T_query[:, :2, 3] - world_T_true[:, :2, 3], axis=1) < OF_SCANS.near_m
     )
-    error = calibration(1 - error_probabilities[:, 0], good)
-    covered = ", ".join(
-        f"{coverage(error_probabilities[:, 0], good, p):.3f} at {p}" for p in PRECISIONS
-    )
+    calibration_error = calibration(1 - errors[:, 0], good)
+    covered = ", ".join(f"{coverage(errors[:, 0], good, p):.3f} at {p}" for p in PRECISIONS)
     rows = [
         f"{n} queries, {seen.sum()} seen, right of these {good[seen].mean():.3f}; calibration "
-        f"error {error:.3f}",
+        f"error {calibration_error:.3f}",
         f"  of all queries, in hindsight, by the error probability alone: {covered}",
     ]
     thresholds = zip(
@@ -93,9 +88,9 @@ def day(
     for target_precision, (pose, place, several) in zip(
         fixes.target_precisions, thresholds, strict=True
     ):
-        accepted = error_probabilities[:, 0] < pose
-        close = ~accepted & (error_probabilities[:, 1] < place)
-        open_ = ~accepted & ~close & (error_probabilities[:, 2] < several)
+        accepted = errors[:, 0] < pose
+        close = ~accepted & (errors[:, 1] < place)
+        open_ = ~accepted & ~close & (errors[:, 2] < several)
         wrong = int((accepted & ~good).sum())
         low, high = interval(wrong, int(accepted.sum()))
         recall = (accepted & good).sum() / max(good.sum(), 1)

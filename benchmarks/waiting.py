@@ -1,8 +1,8 @@
-"""A training step of SCI's network with two threads, beside two busy processes and alone: OpenMP's
-threads wait asleep, or spin.
+"""A training step of SCI's network while OpenMP's threads sleep or spin as they wait.
 
-Wall time, not CPU time: what a thread spins away is CPU time too. Each candidate is a process of
-its own, since OpenMP reads its settings when torch is loaded.
+It has two threads, beside two busy processes and alone. Wall time counts, not CPU time, which
+includes spinning. Each candidate is a process of its own, since OpenMP reads its settings when
+torch is loaded.
 """
 
 import os

@@ -166,7 +166,7 @@ def test_use_splits_one_log_as_asked(project, capsys):
     assert split(project) == ("drive+path1of4", ["drive+path3of4", "drive+path4of4"])
     refusals = {
         "split=halved": "expected path:2, time:3",
-        "train=drive+path1of4 tests=drive": "holds what the training sequence",
+        "train=drive+path1of4 tests=drive": "the training sequence",
     }
     for words, part in refusals.items():
         assert part in refused(capsys, *use, *words.split())
@@ -218,7 +218,7 @@ def test_an_option_that_nothing_would_read_is_refused(project, capsys):
         (f"{recorded} log=2012-01-15", "log=2012-01-15: nclt splits no log"),
         (
             f"{split} split=time:2 train=drive+path1of4 tests=drive+path3of4",
-            "split=time:2: train= and tests= name the parts already",
+            "split=time:2: train= and tests= name the splits already",
         ),
     ):
         assert part in refused(capsys, "use", *words.split())

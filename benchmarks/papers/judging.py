@@ -4,8 +4,8 @@ A `Side` names one number of one model; `Tables` looks it up. Each public functi
 and returns a `Measure`: a function that reads their numbers in the tables and returns an `Outcome`,
 that is the verdict, its reason and the numbers. A difference is taken so that it is above 0 if the
 paper is right. The verdict is *shown* if the difference is surely above 0, *contradicted* if it is
-surely below, else not decidable. `is_ahead` and `keeps_less` decide by 95 % intervals; the others,
-whose numbers have none, ask all sequences or headings to agree.
+surely below, else not decidable. `is_ahead` and `keeps_less` decide by 95 % intervals. The other
+functions, whose numbers have no intervals, require all sequences or headings to agree.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,7 +28,7 @@ UNDECIDED = "not decidable here"
 UNTRAINED = ("scan_context", "m2dp", "sad")
 """Methods that learn no weights."""
 BLACK_ERROR = "black_error"
-"""The number that is the error of a black image, in place of a network's reconstruction."""
+"""The name of the error of a black image, in place of a network's reconstruction."""
 CLEAR_FACTOR = 1.5
 """Medians of times, which have no interval, differ clearly if they do by this factor."""
 KEPT_WHOLE = 0.9
@@ -38,7 +38,7 @@ FEWEST_SEEDS = 3
 SIDE_COLUMNS = ("study", "method", "number", "protocol", "variant", "grid", "ask", "of")
 """The columns in which a side names its rows; `at` is another, where it is not None."""
 Sign = Literal[1, -1]
-"""1 where the paper finds the first side above the second, −1 where it finds it below."""
+"""1 if the paper finds the first side above the second, −1 if it finds it below."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ NO_ESTIMATE = Estimate()
 
 
 class Tables:
-    """Kept tables by name; `used` are the rows of each that were read so far."""
+    """Kept tables by name; `used` holds the rows of each that were read so far."""
 
     def __init__(self, frames: dict[str, pd.DataFrame]) -> None:
         """Take tables of results by name."""
@@ -238,8 +238,8 @@ def at_every_heading(
 ) -> Measure:
     """Claims that one side is above the other, or above a limit, at every heading.
 
-    If `sign` is −1, that it is below. The headings are those turned by `beyond_deg` to
-    `within_deg`, to either side.
+    If `sign` is −1, it claims that the side is below. The headings are those turned by
+    `beyond_deg` to `within_deg`, to either side.
     """
 
     sides = [side] if other is None else [side, other]
@@ -260,7 +260,7 @@ def at_every_heading(
         noise = ONE_SEED if other is not None and seeds == 1 else 0.0
         verdict, reason = _everywhere(differences, noise)
         if verdict != UNDECIDED and other is not None and other.is_trained and seeds < FEWEST_SEEDS:
-            # All headings of a training are shifted similar, so they are no independent evidence.
+            # All headings of one training are shifted together: they are no independent evidence.
             verdict, reason = UNDECIDED, "one_training"
         estimates = [_from_to(numbers["value"]) for numbers in numbers_of_sides]
         shown = tuple(zip(sides, estimates, strict=True))
@@ -331,7 +331,7 @@ def has_no_verdict(side: Side, other: Side, factor: float = 1.0) -> Measure:
         outcome = is_ahead(side, other, factor=factor)(tables)
         if outcome.reason == "missing":
             return outcome
-        return replace(outcome, verdict=UNDECIDED, reason="untold")
+        return replace(outcome, verdict=UNDECIDED, reason="unknown_direction")
 
     return measure
 

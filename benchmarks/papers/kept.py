@@ -68,7 +68,7 @@ class Kept:
 def read(folder: Path) -> Kept:
     """Read the kept tables of a folder.
 
-    Tables that are not there are left out. Raises ArtifactError for one that is no table of
+    Tables that are not there are left out. Raises ArtifactError for a file that is no table of
     results, or has no yaml.
     """
     frames = {}
@@ -123,7 +123,7 @@ def kept_rows(name: str, table: pd.DataFrame) -> pd.DataFrame:
     if rows.empty:
         raise ConfigError(
             f"--keep {name}: the studies in use have none of the numbers that the papers' findings "
-            "read of this table; `make papers` asks for them"
+            "read of this table; `make papers` measures them"
         )
     return rows
 

@@ -1,9 +1,9 @@
-"""Peers' own programs against ours, each in a process of its own: `python -m benchmarks --peers
-DIR`.
+"""Races of peers' own programs with ours: `python -m benchmarks --peers DIR`.
 
-Nothing is built here: DIR holds what benchmarks/PEERS.md says how to build, and what is not there
-is not raced. In one process a peer pays for the memory that another left behind. All take CPU time
-of one thread and print a median in milliseconds, and where a map is grown its megabytes.
+Nothing is built here: DIR holds the programs that benchmarks/PEERS.md says how to build, and a
+program that is not there is left out. Each runs in a process of its own, since in one process a
+peer would pay for the memory that another left behind. All measure CPU time of one thread and print
+a median in milliseconds, and the megabytes of a map if they build one.
 """
 
 import os
@@ -121,20 +121,20 @@ def searching(folder: Path, scratch: Path) -> Iterator[str]:
             ),
         },
     )
-    reported = {
+    labels = {
         "ours50": "our 50",
         "theirs50": "their 50",
         "fast50": "their 50 at a tenth of the shifts",
         "theirs": "their 10",
     }
-    ground_truth = np.fromfile(scratch / "ours", "<f4").reshape(queries, 2)[:, 0]
-    found = [(name, scratch / name) for name in reported if (scratch / name).exists()]
+    true_nearest = np.fromfile(scratch / "ours", "<f4").reshape(queries, 2)[:, 0]
+    found = [(name, scratch / name) for name in labels if (scratch / name).exists()]
     right = {
-        name: int((np.fromfile(path, "<f4").reshape(queries, 2)[:, 0] == ground_truth).sum())
+        name: int((np.fromfile(path, "<f4").reshape(queries, 2)[:, 0] == true_nearest).sum())
         for name, path in found
     }
     yield "  the nearest of all is found " + ", ".join(
-        f"{n} times of {queries} by {reported[name]}" for name, n in right.items()
+        f"{n} times of {queries} by {labels[name]}" for name, n in right.items()
     )
 
 
@@ -186,9 +186,9 @@ def answering(folder: Path, scratch: Path) -> Iterator[str]:
 
 
 def mapping(folder: Path, scratch: Path) -> Iterator[str]:
-    """Scans into an occupancy map, a ray a cell, without decay.
+    """Scans into an occupancy map, one ray a cell, without decay.
 
-    All cut rays at the same range; ours end at the cube too.
+    All programs cut rays at the same range; our rays also end at the octree's cube.
     """
     name, scans = given.drive(scratch / "points", scratch / "origins")
     for leaf_m, depth, range_m in ((50 / 128, 7, 25.0), (0.2, 9, 30.0), (0.2, 9, 51.2)):
@@ -204,8 +204,7 @@ def mapping(folder: Path, scratch: Path) -> Iterator[str]:
 
 
 def table(name: str, commands: Commands) -> str:
-    """Medians over rounds in turn, of those whose program is there, and the ratio of each to the
-    first."""
+    """Medians over rounds in turn of the programs that are there, and ratios to the first."""
     there = {each: words for each, words in commands.items() if Path(words[0]).exists()}
     took: dict[str, list[tuple[float, ...]]] = {each: [] for each in there}
     load = os.getloadavg()[0]

@@ -1,5 +1,4 @@
-"""Ours, with the words that the peers' programs take: `python -m benchmarks.peers draw|search|…
-…`."""
+"""Our side of the races, with the peers' command lines: `python -m benchmarks.peers draw|… …`."""
 
 import statistics
 import sys
@@ -130,8 +129,7 @@ def search(images: str, rows: str, queries: str, out: str, candidates: str) -> t
 def octree(
     points: str, scans: str, origins: str, leaf_m: str, range_m: str, depth: str
 ) -> tuple[float, ...]:
-    """All scans into one map, again and again as the peers do: its time a scan, and its
-    megabytes."""
+    """Insert all scans into one map several times, as the peers do: time a scan, and megabytes."""
     sensors = np.fromfile(origins, "<f4").reshape(-1, 1, 3).astype(np.float64)
     clouds = np.fromfile(points, "<f4").reshape(int(scans), -1, 3) - sensors
     recipe = Octree(
@@ -141,15 +139,15 @@ def octree(
         max_range_m=float(range_m),
         sensor_height_m=0.0,
     )
-    grown = recipe.grow()
+    octree_map = recipe.grow()
     poses = np.tile(np.eye(4), (len(clouds), 1, 1))
     poses[:, :3, 3] = sensors[:, 0]
 
     def insert(_: int) -> None:
         for cloud, pose in zip(clouds, poses, strict=True):
-            grown.insert(cloud, pose)
+            octree_map.insert(cloud, pose)
 
-    return median_ms(insert, 1) / len(clouds), grown.bricks.nbytes * 1e-6
+    return median_ms(insert, 1) / len(clouds), octree_map.bricks.nbytes * 1e-6
 
 
 def main(words: Sequence[str]) -> None:

@@ -1,10 +1,11 @@
-"""MapClosures, its authors' program: a day's local maps are its database, another's are asked, on
-one core.
+"""MapClosures, its authors' program: one day's local maps are the database, another's the queries.
+
+It runs on one core.
 
 `python local_maps.py TRAIN TEST REACH_M OUT`: TRAIN and TEST are npz files of scans: points (n, 3),
 offsets (scan + 1,), placed_T_scan (scan, 4, 4), and TEST's asked (query,), rows of scans. OUT is an
 npz of two sets of answers: `own_` of the test day's local maps as its authors' program cuts them,
-`asked_` of one at each row asked, of what was driven through last.
+`asked_` of a local map at each queried row, of the path driven last.
 """
 
 import os
@@ -42,41 +43,42 @@ class Day:
         self.placed_T_scan = given["placed_T_scan"]
         self.asked = given["asked"]
 
-    def lay(self, grown: Any, frame: int, row: int) -> float:
-        """Put a scan into a map that has another scan's frame; how far it is from that in
-        metres."""
+    def integrate(self, local_map: Any, frame: int, row: int) -> float:
+        """Insert scan `row` into a map in the frame of another scan; returns their distance (m)."""
         frame_T_scan = np.linalg.inv(self.placed_T_scan[frame]) @ self.placed_T_scan[row]
-        grown.integrate_frame(self.points[self.offsets[row] : self.offsets[row + 1]], frame_T_scan)
+        local_map.integrate_frame(
+            self.points[self.offsets[row] : self.offsets[row + 1]], frame_T_scan
+        )
         return float(np.linalg.norm(frame_T_scan[:3, 3]))
 
     def own(self, reach_m: float) -> Iterator[Local]:
-        """One after the other: a map ends so far from its start, and what of it lies near its end
-        is part of the next."""
-        grown = VoxelMap(config.density_map_resolution, reach_m)
+        """Local maps one after the other: each ends `reach_m` from its start, and its points near
+        its end are part of the next."""
+        local_map = VoxelMap(config.density_map_resolution, reach_m)
         start = 0
         last = len(self.placed_T_scan) - 1
         for row in range(last + 1):
-            if self.lay(grown, start, row) > reach_m or row == last:
-                yield start, start, row + 1, grown.point_cloud()
+            if self.integrate(local_map, start, row) > reach_m or row == last:
+                yield start, start, row + 1, local_map.point_cloud()
                 start_T_end = np.linalg.inv(self.placed_T_scan[start]) @ self.placed_T_scan[row]
-                grown.remove_far_away_points(start_T_end[:3, 3])
-                kept = grown.point_cloud()
-                grown.clear()
-                grown.integrate_frame(kept, np.linalg.inv(start_T_end))
+                local_map.remove_far_away_points(start_T_end[:3, 3])
+                kept = local_map.point_cloud()
+                local_map.clear()
+                local_map.integrate_frame(kept, np.linalg.inv(start_T_end))
                 start = row
 
     def last(self, reach_m: float) -> Iterator[Local]:
-        """One at each row asked: the scans before it, back to where the drive was so far away."""
+        """A local map at each queried row: the scans of the last `reach_m` before it."""
         for end in self.asked.tolist():
-            grown = VoxelMap(config.density_map_resolution, reach_m)
+            local_map = VoxelMap(config.density_map_resolution, reach_m)
             first = end
-            while self.lay(grown, end, first) <= reach_m and first > 0:
+            while self.integrate(local_map, end, first) <= reach_m and first > 0:
                 first -= 1
-            yield end, first, end + 1, grown.point_cloud()
+            yield end, first, end + 1, local_map.point_cloud()
 
 
 def ask(number: int, local: Local) -> tuple[Any, ...]:
-    """A local map's scans, the best map of the database, this one's frame in that one, inliers and
+    """A local map's scans, its best match in the database, its frame in that map, inliers, and
     milliseconds of CPU time."""
     *rows, points = local
     start = time.process_time()
@@ -86,7 +88,7 @@ def ask(number: int, local: Local) -> tuple[Any, ...]:
 
 
 def main(train: str, test: str, reach_m: float, out: str) -> None:
-    """Each map is asked in a process of its own: what is asked joins the database."""
+    """Each map is queried in a process of its own, since a query joins the database."""
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # no thread is left behind by a fork
     frames = []
     for number, (start, _, _, points) in enumerate(Day(train).own(reach_m)):

@@ -2,8 +2,8 @@
 
 In: one value for each test sequence, and the days from training to it. Out: a straight line through
 the values by least squares, the interval of its slope, and the day on which a tenth of the value on
-day 0 is lost. The interval comes from the scatter of the sequences about the line, whatever causes
-it: chance along each path, another share of streets driven backwards, the weather of the day.
+day 0 is lost. The interval comes from the scatter of the sequences about the line, whatever its
+cause: noise along each path, another share of streets driven backwards, the weather of the day.
 """
 
 from dataclasses import dataclass
@@ -136,7 +136,7 @@ class Ageing:
 
 
 def newness(evaluation: Evaluation, validation: NDArray[np.float64]) -> float:
-    """How new the seen queries look, as a percentile: 50 is as new as the day of training itself.
+    """How new the seen queries look, as a percentile: 50 is as new as on the day of training.
 
     It is the percentile of their median novelty among `validation` (h,), the novelties of
     validation queries of training. Queries are seen by distance. NaN if either has no query.

@@ -36,7 +36,7 @@ class Estimate(NamedTuple):
 
 
 NONE = Estimate()
-"""A number that there is not."""
+"""Stands for a number that does not exist."""
 
 
 @dataclass(frozen=True)

@@ -31,13 +31,12 @@ class Reliability:
 
 
 def reliability(confidence: NDArray[Any], right: NDArray[np.bool_]) -> Reliability:
-    """Bin answers by confidence (q,), a probability between 0 and 1; `right` (q,) says which are
-    right.
+    """Bin answers by confidence (q,), a probability; `right` (q,) says which answers are right.
 
     Raises InputError for a confidence that is not between 0 and 1.
     """
     if not probabilities(confidence):
-        raise InputError("a confidence is no chance between 0 and 1")
+        raise InputError("expected each confidence to be a probability between 0 and 1")
     confidence = np.asarray(confidence, np.float64)
     bin_of = (confidence * BINS).astype(np.int64).clip(0, BINS - 1)
     count = np.bincount(bin_of, minlength=BINS)
@@ -48,10 +47,10 @@ def reliability(confidence: NDArray[Any], right: NDArray[np.bool_]) -> Reliabili
 
 
 def ece(confidence: NDArray[Any], right: NDArray[np.bool_]) -> float:
-    """Expected calibration error: the mean over answers of the gap that their bin has.
+    """Expected calibration error: the mean over the answers of the gap of their bin.
 
-    A bin's gap is the one between its mean confidence and its share of right answers. NaN without
-    answers, and if a confidence is not between 0 and 1, such as a descriptor's distance.
+    A bin's gap is between its mean confidence and its share of right answers. NaN without answers,
+    and if a confidence is not between 0 and 1, such as a descriptor's distance.
     """
     if len(confidence) == 0 or not probabilities(confidence):
         return np.nan

@@ -2,7 +2,7 @@
 
 In: a model's answers to the queries of one test sequence, or the submaps of that sequence. Out: for
 each caveat that applies, its name and the value that gives rise to it. One caveat makes a score
-degenerate: that one and the same answer to every query would be right for half of the seen ones.
+degenerate: that a single answer to every query would be right for half of the seen ones.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from pipeline.evaluation.protocols import Distance
 from pipeline.matching.rejection import ACCEPT_NOTHING
 
 BLIND = "blind_recall_at_1"
-"""The row that every score has: the recall@1 of one and the same answer to every query."""
+"""The row that every score has: the recall@1 of a single answer to every query."""
 DEGENERATE = "degenerate"
 """The row of a score that is degenerate: it is 1 where BLIND is HALF or more, or undefined."""
 NO_REFERENCE_POSES = "caveat_no_reference_poses"
@@ -26,7 +26,7 @@ FEW_BLOCKS = 5
 ROUND_DEG = 300.0
 GROUND_M = 0.5
 LOW_M = 1.0
-"""The bounds at which caveats begin; MEANINGS says of what."""
+"""The bounds at which caveats begin; MEANINGS says which quantity each bounds."""
 
 MEANINGS = {
     "caveat_one_answer": f"share of the queries that get the commonest answer, if {HALF} or more",
@@ -36,8 +36,8 @@ MEANINGS = {
     ),
     "caveat_all_rejected": "1 if every query is rejected",
     "caveat_none_rejected": "1 if no query is rejected",
-    "caveat_no_threshold": "1 if no threshold kept any precision on validation blocks of training",
-    "caveat_less_precise": "precision kept on validation blocks, if less than was wanted",
+    "caveat_no_threshold": "1 if no threshold was found on validation blocks; all is rejected",
+    "caveat_less_precise": "validation precision, if below the target precision",
     "caveat_not_all_round": f"degrees of azimuth in which submaps have points, if < {ROUND_DEG}",
     "caveat_ground": f"height of the submaps' ground, if more than {GROUND_M} m from z = 0",
     "caveat_low": f"height of the submaps' highest points, if below {LOW_M} m",
@@ -55,7 +55,7 @@ def blind(
     xy_m: NDArray[np.float64],
     distance: Distance,
 ) -> dict[str, float]:
-    """The largest share of seen queries for which one and the same answer is right, by protocol.
+    """The largest share of seen queries for which a single answer is right, by protocol.
 
     By cells, the best answer is the commonest of the true `places` (q,), where −1 is unseen. By
     distance, the answers tried are the positions `xy_m` (q, 2) of the seen queries; `nearest_m`
@@ -87,9 +87,9 @@ def caveats(
     """The caveats about one score that apply, name to value; BLIND is always among them.
 
     `answers` and `novelty` (q,) are the model's first answers and how new each query looks. A query
-    is rejected if its novelty is `reject_from` or more. That threshold was chosen to keep
-    `target_precision`, and keeps `validation_precision` on validation blocks. `seen_count` is the
-    number of seen queries, `block_count` that of the blocks of the path which hold them.
+    is rejected if its novelty is `reject_from` or more. That threshold was chosen for
+    `target_precision`, and reaches `validation_precision` on validation blocks. `seen_count` is the
+    number of seen queries, `block_count` the number of blocks of the path that hold them.
     `blind_recall` is what `blind` returns for the protocol of the score.
     """
     values = {BLIND: blind_recall}

@@ -1,6 +1,7 @@
 """Counts of true and false positives and negatives (METHODS.md 2.7).
 
-The SCI paper calls them hits, false alarms, correct rejections and misses.
+The SCI paper calls true and false positives hits and false alarms, true and false negatives correct
+rejections and misses.
 
 In: the ground truth of each query and its novelty. Out: how many queries have each of the four
 outcomes at each threshold; `curves` computes precision and recall from them. An answer counts as
@@ -69,12 +70,13 @@ class ExactCounts:
         true_positives = self._accepted_weight(is_right_at(self._ground_truth, n))[:, columns]
         accepted_seen = self._seen_weight[:, columns]
         accepted_unseen = self._unseen_weight[:, columns]
+        all_seen = self._seen_weight[:, -1:]  # the last column accepts all
+        all_unseen = self._unseen_weight[:, -1:]
         return Counts(
             true_positives=true_positives,
-            false_negatives=self._seen_weight[:, -1:]
-            - accepted_seen,  # the last column accepts all
+            false_negatives=all_seen - accepted_seen,
             false_positives=accepted_seen + accepted_unseen - true_positives,
-            true_negatives=self._unseen_weight[:, -1:] - accepted_unseen,
+            true_negatives=all_unseen - accepted_unseen,
         )
 
     def _accepted_weight(self, flags: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -112,8 +114,8 @@ def _check(ground_truth: GroundTruth, novelty: NDArray[Any]) -> None:
     ):
         raise InputError(
             f"{len(ground_truth.true_rank)} true ranks, {len(ground_truth.seen)} seen and "
-            f"{len(ground_truth.unseen)} "
-            f"unseen flags and {len(novelty)} novelties of the same queries"
+            f"{len(ground_truth.unseen)} unseen flags and {len(novelty)} novelties of the same "
+            "queries"
         )
     if np.isnan(novelty).any():
         raise InputError("a query's novelty is NaN, so it can be neither accepted nor rejected")

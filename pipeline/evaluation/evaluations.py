@@ -1,6 +1,6 @@
 """The artifact of the stage `evaluate`: how well a model answered the queries of a test sequence.
 
-- `Evaluations` holds one `Evaluation` for each case of the queries: as they were driven, or with an
+- `Evaluations` holds one `Evaluation` for each case of the queries: unperturbed, or with a
   perturbation such as new walls.
 - An `Evaluation` says for each query what was answered and how far off that is. It holds a
   `Judgement` for each protocol: by grid cells and by distance.
@@ -40,7 +40,7 @@ accepted one wins.
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """How q queries were answered by one protocol, with the first n answers.
+    """How q queries were answered, judged by one protocol and by the first n answers.
 
     An axis whose name ends in a number, such as `bound3`, has that length.
     """
@@ -162,30 +162,28 @@ class Evaluation:
     reject_from: Annotated[tuple[float, ...], "novelty from which the model rejects, for each kind"]
     reject_pose_from: Annotated[
         float,
-        "novelty from which to reject a pose, so that the accepted ones keep a precision of "
-        f"{JUDGED_PRECISION:g}; null for a method that gives none",
+        "novelty from which a pose is rejected: the threshold for the target precision "
+        f"{JUDGED_PRECISION:g}; null for a method that gives no poses",
     ]
     right_within: Annotated[tuple[float, float], "metres and degrees within which a pose is right"]
     target_precision: Annotated[
-        float, "the precision that reject_from was chosen for; null where that is not known"
+        float, "the precision that reject_from was chosen for; null if it is not known"
     ]
     validation_precision: Annotated[
         tuple[float, ...],
-        "the precision that reject_from keeps on validation blocks of training, for each kind; "
-        "null "
-        "where that is not known, or nothing is accepted",
+        "the precision that reject_from reaches on validation blocks of training, for each kind; "
+        "null if it is not known, or nothing is accepted",
     ]
     days: Annotated[int, "whole days since the training sequence"]
     claims: Annotated[
         Mapping[str, float],
-        "by each kind of WEAKER_VERDICTS, the novelty from which to reject that weaker claim, so "
-        f"that accepted ones keep a precision of {JUDGED_PRECISION:g}; empty for a method that "
-        "gives "
-        "no poses",
+        "for each kind of WEAKER_VERDICTS, the novelty from which that weaker claim is rejected: "
+        f"the threshold for the target precision {JUDGED_PRECISION:g}; empty for a method that "
+        "gives no poses",
     ]
     blind: Annotated[
         Mapping[str, float],
-        "by protocol, recall@1 of one and the same answer to every query; null if none is seen",
+        "by protocol, recall@1 of a single answer to every query; null if none is seen",
     ]
     block_m: Annotated[float, "length along the path of the blocks that the bootstrap draws"]
     unsuited: Annotated[
@@ -218,17 +216,17 @@ class Evaluation:
 
     @property
     def pose_right(self) -> NDArray[np.bool_]:
-        """Which poses (q,) are near enough to the true one; a missing pose is not."""
+        """Which poses (q,) are near enough to the true pose; a missing pose is not."""
         return within(self.right_within, self.pose_error_m, self.pose_error_deg)
 
     @property
     def acceptance(self) -> dict[str, NDArray[np.bool_]]:
         """Which answers (q,) are accepted, and refused, and which of either are wrong.
 
-        Answers are poses if the method estimates poses, else places. Of poses those of all queries
-        count, seen or not; one is wrong if it is farther off than `right_within`, and a missing one
-        is not. Places are judged by distance: one is wrong if it is farther off than `correct_m` of
-        that protocol, or if the query is unseen.
+        Answers are poses if the method estimates poses, else places. The poses of all queries
+        count, seen or not. A pose is wrong if it is farther off than `right_within`; a missing pose
+        is not wrong. Places are judged by distance: a place is wrong if it is farther off than
+        `correct_m` of that protocol, or if the query is unseen.
         """
         if self.has_poses:
             judged = np.ones(len(self.answer), bool)
@@ -248,10 +246,10 @@ class Evaluation:
 
     @property
     def verdicts(self) -> dict[str, int]:
-        """How many queries, seen or not, get each of VERDICTS at the target precision
-        JUDGED_PRECISION.
+        """How many queries, seen or not, get each of VERDICTS.
 
-        Empty for a method without poses.
+        Poses are accepted at the target precision JUDGED_PRECISION. Empty for a method without
+        poses.
         """
         if not self.has_poses:
             return {}
@@ -381,8 +379,8 @@ def line(evaluation: Evaluation, protocol: str) -> str:
     for name in ("auc_top1", "recall_at_1", "auroc"):
         value = evaluation.number(protocol, name).value
         texts.append(f"{name} {value:.3f}" if np.isfinite(value) else f"{name} none")
-    found = evaluation.caveats(protocol)
-    if present := [name for name in (DEGENERATE, *CAVEATS) if name in found]:
+    listed = evaluation.caveats(protocol)
+    if present := [name for name in (DEGENERATE, *CAVEATS) if name in listed]:
         words = [name.removeprefix("caveat_").replace("_", " ") for name in present]
         texts.append(f"({', '.join(words)})")
     return " ".join(texts)

@@ -1,9 +1,9 @@
-"""Results by the distance to a change: how much do buildings that came or went harm a method?
+"""Results by the distance to a change: how much do new and demolished buildings harm a method?
 
 In: a method's evaluations on all test sequences, and the changes of the world: what was built or
 torn down since training. Out: recall and area under the curve for the queries in each band of
-distance to the nearest change. These changes are of the (simulated) world itself and stay, unlike
-a perturbation, which is drawn into the points of single queries.
+distance to the nearest change. These changes belong to the (simulated) world itself and stay. A
+perturbation, in contrast, changes the points of single queries.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -145,8 +145,7 @@ def judge_by_band(
     ground_truth_of_band = []
     for queries in queries_of_band:
         of_band = {name: array[queries] for name, array in pooled.items()}
-        # All ground truths go by one protocol, so the first one's `recall_of_all_seen` holds for
-        # all.
+        # All are of one protocol, so the `recall_of_all_seen` of the first holds for all.
         ground_truth_of_band.append(replace(ground_truths[0], **of_band))
 
     def numbers(weight: Weight) -> NDArray[np.float64]:

@@ -62,8 +62,8 @@ class JudgedFix:
 def failures(fixes: Iterable[JudgedFix]) -> list[JudgedFix]:
     """The fixes whose verdict is wrong, the surest verdicts first.
 
-    Accepted ones come first, those of the least novelty before others; then rejected ones, those of
-    the most novelty before others.
+    Accepted fixes come first, from the least novelty to the most; then rejected fixes, from the
+    most novelty to the least.
     """
     failed = [fix for fix in fixes if fix.fails]
     accepted = sorted((fix for fix in failed if fix.accepted), key=lambda fix: fix.novelty)
@@ -72,14 +72,13 @@ def failures(fixes: Iterable[JudgedFix]) -> list[JudgedFix]:
 
 
 def target_precisions(fixes: Fixes) -> dict[float, float]:
-    """The target precisions that fixes have thresholds for, and the novelty from which each
-    rejects."""
+    """The target precisions that fixes have thresholds for: precision to threshold of novelty."""
     pose_thresholds = zip(fixes.target_precisions, fixes.pose_thresholds, strict=True)
     return {precision: novelty for precision, novelty in pose_thresholds if novelty > 0}
 
 
 def reject_from(fixes: Fixes, target_precision: float | None) -> float:
-    """The novelty from which poses are rejected to keep `target_precision`; None accepts nothing.
+    """The threshold of novelty for a target precision; 0 for None, which accepts nothing.
 
     Raises ConfigError for a target precision that the fixes have no threshold for.
     """
@@ -90,7 +89,7 @@ def reject_from(fixes: Fixes, target_precision: float | None) -> float:
         possible = (
             f"they have thresholds for {' and '.join(map(str, possible_precisions))}"
             if possible_precisions
-            else "nor for any other; --target-precision none draws them"
+            else "they have none at all; --target-precision none draws every pose as rejected"
         )
         raise ConfigError(
             f"--target-precision {target_precision:g}: these poses have no threshold for it; "
@@ -100,8 +99,7 @@ def reject_from(fixes: Fixes, target_precision: float | None) -> float:
 
 
 def unperturbed(fixes: Fixes, count: int) -> slice:
-    """The rows of the `count` unperturbed queries: one of the cases, which lie one after
-    another."""
+    """The rows of the `count` unperturbed queries; the cases lie one after another."""
     case = read_cases(fixes.cases).index(Case())
     return slice(case * count, (case + 1) * count)
 
@@ -109,10 +107,10 @@ def unperturbed(fixes: Fixes, count: int) -> slice:
 def of_drive(
     fixes: Fixes, drive: Drive, reject_from: float, name: str = "{}"
 ) -> Iterator[JudgedFix]:
-    """The judged fixes of a test sequence of a study as it was driven.
+    """The judged fixes of an unperturbed test sequence of a study.
 
-    A fix is accepted if its novelty is below `reject_from`. In `name` stands {} for the number of
-    the query.
+    A fix is accepted if its novelty is below `reject_from`. The number of the query replaces {} in
+    `name`.
     """
     rows = unperturbed(fixes, len(drive.world_T_anchor))
     world_T_query = fixes.load("world_T_query")[rows]

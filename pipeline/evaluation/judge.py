@@ -1,8 +1,7 @@
 """Judges a model's answers: rankings, labels and true poses in; an `Evaluation` out.
 
-The stage `evaluate` calls `judge_cases`, which judges one test sequence in each of its cases: the
-unperturbed queries, and with each perturbation. `judge` judges the queries of one case in
-three steps:
+The stage `evaluate` calls `judge_cases`, which judges one test sequence in each of its cases:
+unperturbed, and with each perturbation. `judge` judges the queries of one case in three steps:
 
 1. the errors of each first answer and of each estimated pose (`Queries`);
 2. what counts as seen and as right, once by cells and once by distance (`GroundTruth`);
@@ -54,7 +53,7 @@ class PoseEstimates(NamedTuple):
     world_T_query: Poses
     """(q, 4, 4); NaN for a query without a pose."""
     reject_from: float
-    """A pose is rejected if its novelty is this or more, which keeps a precision of .99."""
+    """A pose is rejected if its novelty is this or more: the threshold for a precision of .99."""
     right_within: tuple[float, float] = RIGHT_WITHIN
     """Metres and degrees within which a pose is right."""
 
@@ -68,8 +67,8 @@ def judge_cases(
 ) -> dict[Case, Evaluation]:
     """Judge the rankings of one test sequence, case by case.
 
-    Labels and submaps are those of the sequence as it was driven: a row a query, the same rows for
-    each case. Raises InputError if the rankings have not one row a submap and case.
+    Labels and submaps are those of the unperturbed sequence: a row a query, the same rows for each
+    case. Raises InputError unless the rankings have one row a submap and case.
     """
     cases = read_cases(rankings.cases)
     query_count = len(submaps.world_T_anchor)
@@ -84,8 +83,8 @@ def judge_cases(
         validation_precision = rankings.validation_precision
     elif isinstance(rankings, Fixes):
         claims = {claim: rankings.reject_from(claim=claim) for claim in WEAKER_VERDICTS}
-        # The first kind is the doubt in the pose: its threshold keeps what is wanted, or accepts
-        # nothing.
+        # The first kind is the error probability of the pose. Its threshold reaches the target
+        # precision on validation blocks, or accepts nothing.
         accepts_poses = rankings.thresholds[0] > ACCEPT_NOTHING
         precision_of_poses = rankings.target_precision if accepts_poses else np.nan
         validation_precision = (precision_of_poses, *[np.nan] * (len(rankings.kinds) - 1))
@@ -130,11 +129,14 @@ def judge(
     """Judge the ranking of q queries against their labels and true poses.
 
     `reject_from` (kind,) is the model's threshold on each kind of novelty. `world_T_anchor`
-    (q, 4, 4) are the true poses; if a perturbation turned the robot on the spot, `turned_deg` (q,)
-    is by how much, to the left, and is not in these poses. `estimates` are for a method with poses.
+    (q, 4, 4) are the true poses. If a perturbation turned the robot on the spot, `turned_deg` (q,)
+    is the angle to the left, which these poses do not contain. `estimates` are for a method with
+    poses.
 
     What `judge_cases` knows of the whole sequence is left empty: `claims`, `unsuited`, and the
-    wanted and kept precision. Raises InputError if ranking, labels and poses do not fit together.
+    target and validation precision.
+
+    Raises InputError if ranking, labels and poses do not fit together.
     """
     _check(ranking, reject_from, labels, world_T_anchor)
     if estimates is None:

@@ -81,7 +81,7 @@ class Course:
         return float(average([self.recall(step, group) for group in range(len(self.groups))]))
 
     def recall_of_all(self, step: int) -> float:
-        """The share of right answers after a step, among all queries whose place is ever known."""
+        """The share of right answers after a step, of the queries whose place is ever known."""
         return float(self.right[step, self.known_from >= 0].mean())
 
     def forgetting(self, step: int) -> float:

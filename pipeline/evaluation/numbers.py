@@ -33,18 +33,17 @@ POSE_MEANINGS = {
     "error_m": "median error of position over the seen queries",
     "error_deg": "median error of heading over the seen queries",
     "wrong_of_accepted_99": "share of wrong poses (off by more than 2 m or 5°; for level sweeps "
-    "1 m or 10°) among those accepted at the target precision .99, whether the query is "
-    "seen or not",
+    "1 m or 10°) among the poses accepted at the target precision .99, of seen and unseen queries",
     "recall_99": (
-        "share of the seen queries whose pose is accepted at that target precision and not wrong"
+        "share of the seen queries whose pose is accepted at the target precision .99 and right"
     ),
     "within_2m_5deg_same_heading": "within_2m_5deg, over the queries driven in the same direction "
     "as training",
     "within_2m_5deg_turned": "within_2m_5deg, over the queries driven in another direction",
     "within_2m_5deg_beside": "within_2m_5deg, over the queries at least BESIDE_M away from the "
     "nearest training anchor",
-    "trajectory_m": "root mean square error of position over all queries with a pose, whether seen "
-    "or not, accepted or not: the measure for the trajectory of a whole drive",
+    "trajectory_m": "root mean square error of position over all queries with a pose, seen or not, "
+    "accepted or not: the measure for the trajectory of a whole drive",
 }
 """The numbers on poses, and what each says. All are NaN for a method that estimates no poses."""
 MEANINGS = {
@@ -67,9 +66,7 @@ MEANINGS = {
     "auroc": "probability that an unseen query has a higher novelty than a seen one",
     "precision_at_threshold": "precision at the model's own threshold (the table of results also "
     "has validation_precision, its precision on validation blocks of training, and "
-    "target_precision, "
-    "what "
-    "it was chosen for)",
+    "target_precision, the precision that it was chosen for)",
     "recall_at_threshold": "recall at the model's own threshold",
     "median_error_m": "median distance of the first answer over the seen queries",
     "oracle_auc_exact_top1": "auc_exact_top1 of the oracle, whose novelty is the distance to the "
@@ -109,7 +106,7 @@ WITHIN = {
 Weight = NDArray[np.float64]
 """(r, q) how often each of q queries counts in each of r resamples."""
 Number = NDArray[np.float64]
-"""(r,) a number in each resample; NaN where no query counts that it could be computed from."""
+"""(r,) a number in each resample; NaN where no query counts."""
 
 
 @dataclass(frozen=True)
@@ -135,8 +132,8 @@ class Queries:
     pose_error_deg: NDArray[np.float64]
     """(q,) turn of the estimated pose against the true one; NaN if there is no pose."""
     reject_pose_from: float
-    """Poses of this novelty in use or more are rejected, which keeps a precision of .99; NaN if the
-    method estimates no poses."""
+    """Poses of this novelty or more are rejected: the threshold for the target precision .99. NaN
+    if the method estimates no poses."""
     right_within: tuple[float, float] = RIGHT_WITHIN
     """Metres and degrees within which a pose is right."""
 
@@ -227,7 +224,7 @@ def poses(ground_truth: GroundTruth, queries: Queries, weight: Weight) -> dict[s
     values["wrong_of_accepted_99"] = share(~is_right, is_accepted, weight)
     values["recall_99"] = share(is_accepted & is_right, seen, weight)
 
-    # Poses by how the query was driven.
+    # Poses by the heading of the query and its distance from the training path.
     is_within = within(WITHIN["within_2m_5deg"], error_m, error_deg)
     groups = {
         "same_heading": queries.is_same_heading,

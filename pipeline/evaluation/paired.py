@@ -71,8 +71,8 @@ def compare(
     )
     if not are_same_queries:
         raise InputError(
-            "two methods can be compared on the same queries only, in the same order and judged "
-            "similar"
+            "two methods can be compared only on the same queries, in the same order and with the "
+            "same ground truth"
         )
     method_right = is_right_at(method_ground_truth, 1)
     reference_right = is_right_at(reference_ground_truth, 1)
@@ -120,32 +120,32 @@ def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     corrected = np.full(len(p), np.nan)
     order = np.argsort(p)[: np.isfinite(p).sum()]  # NaN is sorted behind all others
-    # The smallest of n is multiplied by n, the next by n − 1, and so on; none falls below the one
-    # before.
+    # The smallest of n is multiplied by n, the next by n − 1, and so on; none may fall below its
+    # predecessor.
     factors = np.arange(len(order), 0, -1)
     corrected[order] = np.maximum.accumulate(p[order] * factors).clip(max=1.0)
     return corrected
 
 
 def kept_share(
-    perturbed: Evaluation, driven: Evaluation, protocol: str, bootstrap: Bootstrap
+    perturbed: Evaluation, unperturbed: Evaluation, protocol: str, bootstrap: Bootstrap
 ) -> Estimate:
     """The share of its area under the curve that a model keeps when queries are perturbed.
 
-    The area is `auc_exact_top1`, of the perturbed queries over that of the same unperturbed
-    queries. Returns the share with the bounds of its 95 % interval, NaN if the unperturbed area is
-    0. Raises InputError if the two do not judge the same queries.
+    The share is `auc_exact_top1` of the perturbed queries divided by that of the same unperturbed
+    queries. Returns it with the bounds of its 95 % interval; NaN if the unperturbed area is 0.
+    Raises InputError if the two do not judge the same queries.
     """
-    if not np.array_equal(perturbed.xy_m, driven.xy_m):
-        raise InputError("perturbed queries are compared with the same unperturbed queries")
+    if not np.array_equal(perturbed.xy_m, unperturbed.xy_m):
+        raise InputError("perturbed queries can be compared only with the same unperturbed queries")
     perturbed_ground_truth = perturbed.ground_truth(protocol)
-    unperturbed_ground_truth = driven.ground_truth(protocol)
+    unperturbed_ground_truth = unperturbed.ground_truth(protocol)
 
     def share_of_unperturbed(weight: Weight) -> NDArray[np.float64]:
         """The share (1, resample), by `weight` (resample, query)."""
         perturbed_auc = auc_exact(perturbed_ground_truth, perturbed.novelty[:, 0], weight)
-        unperturbed_auc = auc_exact(unperturbed_ground_truth, driven.novelty[:, 0], weight)
+        unperturbed_auc = auc_exact(unperturbed_ground_truth, unperturbed.novelty[:, 0], weight)
         return (perturbed_auc / np.where(unperturbed_auc > 0, unperturbed_auc, np.nan))[None]
 
     # `estimates` gives the value on the path itself and the bounds from the resamples.
-    return Estimate(*bootstrap.estimates(share_of_unperturbed, driven.xy_m)[0].tolist())
+    return Estimate(*bootstrap.estimates(share_of_unperturbed, unperturbed.xy_m)[0].tolist())

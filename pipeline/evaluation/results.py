@@ -85,7 +85,7 @@ class ResultsTable:
     def _answers(self) -> TableRows:
         """Rows of every model at every cell size on every sequence.
 
-        The study's further cell sizes (`cells`) have only rows of single models, of plain ones.
+        At the study's further cell sizes (`cells`) only plain models have rows.
         """
         study = self.study
         grids = study.all_grids if study.tests_over_days else ()
@@ -99,18 +99,18 @@ class ResultsTable:
             for model in models:
                 place = {"grid": grid, **model.columns}
                 opened = {name: self._evaluations(grid, model, name) for name in sequences}
-                driven = {name: opened[name].case() for name in sequences}
+                unperturbed = {name: opened[name].case() for name in sequences}
                 for name in sequences:
-                    rows = self._sequence_rows(name, opened[name], driven[name])
-                    yield from placed(rows, **place, sequence=name, days=driven[name].days)
+                    rows = self._sequence_rows(name, opened[name], unperturbed[name])
+                    yield from placed(rows, **place, sequence=name, days=unperturbed[name].days)
                 # a model that only adds poses learns nothing of its own
                 trained = {} if model.posed else self._trained(grid, model)
-                kind = driven[study.tests[0]].kinds[0]  # of novelty, the one in use
+                kind = unperturbed[study.tests[0]].kinds[0]  # the kind of novelty in use
                 if trained:
                     area = validation_auc(NoveltyEvidence.of(trained), kind, self.unseen_share)
                     yield place | row("validation_auc", "cells", area)
-                by_day = sorted(study.tests, key=lambda name: (driven[name].days, name))
-                tests = {name: driven[name] for name in by_day}
+                by_day = sorted(study.tests, key=lambda name: (unperturbed[name].days, name))
+                tests = {name: unperturbed[name] for name in by_day}
                 if _is_plain(model):
                     by_method[model.method] = tests
                     novelty = trained.get(f"{VALIDATION}seen/{kind}", ())
@@ -125,17 +125,17 @@ class ResultsTable:
                 yield from placed(rows, grid=grid)
 
     def _sequence_rows(
-        self, sequence: str, evaluations: Evaluations, driven: Evaluation
+        self, sequence: str, evaluations: Evaluations, unperturbed: Evaluation
     ) -> TableRows:
         """Rows of one model on one sequence, unperturbed and perturbed."""
         stress = self.study.stress.get(sequence, "")
         for i, case in enumerate(read_cases(evaluations.cases)):
-            evaluation = evaluations.case(i) if i else driven
+            evaluation = evaluations.case(i) if i else unperturbed
             columns = case_columns(case, stress)
             yield from evaluation_rows(evaluation, case, stress)
             if case.change:
                 resampling = Bootstrap(**evaluations.bootstrap)
-                kept = kept_share(evaluation, driven, "cells", resampling)
+                kept = kept_share(evaluation, unperturbed, "cells", resampling)
                 yield columns | row(AUC_SHARE_KEPT, "cells", *kept)
             elif self.study.slam:
                 yield from (
@@ -193,7 +193,7 @@ class ResultsTable:
 
 
 def _is_plain(model: ModelName) -> bool:
-    """Whether a model is of a method's own settings, seed 0, and without poses."""
+    """Whether a model has its method's own settings, seed 0, and no poses."""
     return model.name == model.method
 
 
@@ -220,7 +220,7 @@ def read(layout: Layout, studies: Mapping[str, Study]) -> pd.DataFrame:
 
 
 def _read_csv(path: Path) -> pd.DataFrame:
-    """Read a table of results; raises ArtifactError for a file that is none, or is cut off."""
+    """Read a table of results; raises ArtifactError for another file, or one that is cut off."""
     try:
         na_values = {name: [""] for name in FLOAT_COLUMNS}
         text = path.read_text(encoding="utf-8")
@@ -239,7 +239,7 @@ def where(frame: pd.DataFrame, conditions: Mapping[str, str]) -> pd.DataFrame:
     """The rows of a table that meet all conditions: column to the wanted text.
 
     A condition may list several texts, with commas between them. For a number, 20 also matches
-    20.0. Raises ConfigError for a column that the table has not.
+    20.0. Raises ConfigError for a column that the table does not have.
     """
     for column, condition in conditions.items():
         if column not in COLUMNS:

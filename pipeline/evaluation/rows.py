@@ -1,7 +1,7 @@
 """The table of results: its columns, and the rows that one evaluation gives.
 
-A row is one number with its 95 % interval. The other columns say of which model it is, on which
-sequence, what the model was asked and by which protocol. Reports, figures and MLflow select from
+A row is one number with its 95 % interval. The other columns say which model it belongs to, on
+which sequence, with which queries and by which protocol. Reports, figures and MLflow select from
 these rows with `pick` and `indexed`; `results` and `study_rows` gather them.
 """
 
@@ -56,7 +56,7 @@ COLUMN_TYPES: Mapping[str, type] = {
 - `model`: the method with its variant, such as `sci-4way-pose`; empty for a number of no model.
 - `variant`: empty for a method with its own settings.
 - `sequence`: empty for a number of all test sequences together.
-- `ask`: what the model was asked, one of the names below; `of` and `at` say which of these.
+- `ask`: the kind of queries, one of the names below; `of` and `at` say which of this kind.
 - `repeat`: the number of the repetition of a perturbation that is drawn at random.
 - `low`, `high`: the bounds of the 95 % interval, NaN if there is none.
 """
@@ -64,9 +64,9 @@ COLUMNS = tuple(COLUMN_TYPES)
 TEXT_COLUMNS = tuple(name for name, kind in COLUMN_TYPES.items() if kind is str)
 FLOAT_COLUMNS = tuple(name for name, kind in COLUMN_TYPES.items() if kind is float)
 UNPERTURBED = "unperturbed"
-"""The unperturbed queries, and what follows from these alone."""
+"""The unperturbed queries, and numbers that follow from them alone."""
 STRESS = "stress"
-"""The same of a stress sequence; `of` is what is hard about it."""
+"""The unperturbed queries of a stress sequence; `of` is what is hard about it."""
 PERTURBED = "perturbed"
 """The queries with a perturbation: `of` names it, `at` is its strength."""
 NOVELTY = "novelty"
@@ -74,7 +74,7 @@ NOVELTY = "novelty"
 AGAINST = "against"
 """The model minus the model `of`, on the same unperturbed queries."""
 NEAR_CHANGE = "near a change"
-"""The queries near a change of the world that is shown or to come (`of`), at most `at` metres."""
+"""The queries at most `at` metres from a change of the world that is shown or to come (`of`)."""
 VIEWPOINT = "viewpoint"
 """A sequence matched with itself, from a heading of `at` degrees; from all of them without `of`."""
 COURSE = "course"

@@ -69,8 +69,7 @@ class Answers:
     """The evaluations of a study at one cell size, of unperturbed queries."""
 
     evaluations: Mapping[str, Mapping[str, Evaluation]]
-    """The evaluations of each method with its own settings, by test sequence in the order of
-    days."""
+    """The evaluations of each method with its own settings, by test sequence, ordered by day."""
     validation: Mapping[str, NDArray[np.float64]]
     """Method to the novelties in use (h,) of queries on validation blocks of training."""
     variants: Mapping[ModelName, Mapping[str, Evaluation]] = field(default_factory=dict)
@@ -250,10 +249,9 @@ def viewpoint_rows(matches: ViewpointMatches) -> TableRows:
 
 
 def reconstruction_rows(model: Mapping[str, NDArray[Any]]) -> TableRows:
-    """Rows of how well a network reconstructs validation images of training: its mean squared
-    error.
+    """Rows of a network's mean squared error in reconstructing validation images of training.
 
-    Beside it stands the error of a black image. Both are of the round whose weights were kept; a
+    Beside it stands the error of a black image. Both are of the round whose weights were kept. A
     method without a network that reconstructs has no such rows.
     """
     for name in RECONSTRUCTION:

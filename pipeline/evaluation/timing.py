@@ -39,7 +39,7 @@ A call is the drawing of a view ("view", its name), a network's descriptor of it
 method's name), or all that a method makes of it ("method", its name).
 """
 WARM_UP = 3
-"""The first query is asked this often before it counts: that compiles, allocates, fills caches."""
+"""How often the first query runs before it counts: to compile, allocate and fill caches."""
 PACKAGES = ("numpy", "numba", "torch", "faiss-cpu")
 """Packages whose versions are recorded."""
 
@@ -187,7 +187,7 @@ class Latency:
 
 
 def cost_rows(models: Mapping[ModelName, Path]) -> TableRows:
-    """Rows of the size of each model's file, and what its training cost if it was trained here."""
+    """Rows of the size of each model's file, and the cost of its training if it ran here."""
     for model, path in models.items():
         columns = {"method": model.method, "variant": model.variant, "seed": model.seed}
         costs = {"model_mb": path.stat().st_size / 1e6}
@@ -211,9 +211,9 @@ def clouds(
 def machine_record(busy: float) -> dict[str, Any]:
     """Describe this machine as it is now.
 
-    `gpu` is the one that torch has used, empty for none. `load` is the mean number of processes
-    that ran or waited to run, over the last minute. `busy` is the CPU time per wall time of
-    what was measured: above 1 if threads ran side by side, below 1 if it waited for others.
+    `gpu` is the GPU that torch has used, empty for none. `load` is the mean number of processes
+    that ran or waited to run, over the last minute. `busy` is CPU time divided by wall time of what
+    was measured: above 1 if threads ran side by side, below 1 if it waited for other processes.
     """
     cuda = getattr(sys.modules.get("torch"), "cuda", None)
     gpu = cuda.get_device_name() if cuda and cuda.is_initialized() else ""

@@ -1,4 +1,4 @@
-"""Compares models on perturbed queries and on sequences of stress.
+"""Compares models on perturbed queries and on stress sequences.
 
 In: rows of the table of results. Out: a `Comparison`, which gives the `Measurement` of any model,
 kind of query and number over sequences, seeds and repeats, orders models by it, and says by how
@@ -17,8 +17,9 @@ from pipeline.evaluation.numbers import average, deviation
 from pipeline.evaluation.rows import PERTURBED, STRESS, UNPERTURBED, WITH_SHADOW
 from pipeline.studies.colours import method_of
 
-# What another seed may do to a model of one seed: means over a simulated year of three seeds
-# deviate by .003 to .016 for SCI trained with one or two headings and for its ring.
+# By how much another seed may change the numbers of a model with one seed: means over a simulated
+# year of three seeds deviate by .003 to .016 for SCI trained with one or two headings and for its
+# ring.
 ONE_SEED = 0.02
 # The columns that say which number a row is, and which of its repetitions.
 NUMBER = ["model", "case", "protocol", "number"]
@@ -42,7 +43,7 @@ class Kind:
 
     @property
     def label(self) -> str:
-        """A word or two for legends: `as driven`, `60° removed`."""
+        """A word or two for legends: `unperturbed`, `60° removed`."""
         if self.change == "demolition":
             return f"{self.level:g}° removed"
         if self.change == "construction":
@@ -164,7 +165,7 @@ class Comparison:
         self._no_values = np.full(shape, np.nan)
 
     def ways(self) -> dict[int, str]:
-        """The method with most N-way trained models: maps N to model, in ascending order."""
+        """The N-way trained models of the method that has most of them: N to model, ascending."""
         models_by_method: dict[str, dict[int, str]] = {}
         for model in self.models:
             if model in self._n_way:
@@ -183,7 +184,7 @@ class Comparison:
         return Measurement(values / np.where(unperturbed > 0, unperturbed, np.nan))
 
     def ordered(self, kind: Kind, measure: Measure) -> list[str]:
-        """The models, the largest mean first, those without a number last."""
+        """The models, from the largest mean to the smallest; models without a number come last."""
         means = {model: self.measurement(model, kind, measure).mean for model in self.models}
         return sorted(self.models, key=lambda model: -np.nan_to_num(means[model], nan=-np.inf))
 

@@ -35,8 +35,8 @@ from pipeline.report.study import StudyResults, against
 
 SLIGHT = 0.0005  # a smaller loss would be printed as 0
 BOTH = "both protocols"
-# A model that keeps this share of its AUC has kept it, and one that is right at this share of the
-# queries is nearly always right.
+# A model that keeps this share of its AUC counts as keeping it, and a model that answers this share
+# of the queries right as nearly always right.
 WHOLE = 0.95
 PAPERS_WAYS = 4  # the SCI paper finds that training at so many headings suffices
 
@@ -98,7 +98,7 @@ def caveats(study: StudyResults) -> list[Finding]:
     """Why a model's numbers say little or nothing, and on which test sequences.
 
     There is one finding per model, or two where the protocols differ. `blind` is the recall that
-    one and the same answer to every query would reach.
+    a single answer to every query would reach.
     """
     findings = []
     for model, group in by_model(study.results).items():
@@ -131,10 +131,10 @@ def _caveats(group: Sequence[Result], protocol: str) -> list[dict[str, Any]]:
     """
     listed = []
     for name in (DEGENERATE, *CAVEATS):
-        doubted = [result for result in group if (protocol, name) in result.numbers]
-        if doubted:
-            largest = max((result.number(protocol, name) for result in doubted), key=abs)
-            sequences = [result.sequence for result in doubted]
+        affected = [result for result in group if (protocol, name) in result.numbers]
+        if affected:
+            largest = max((result.number(protocol, name) for result in affected), key=abs)
+            sequences = [result.sequence for result in affected]
             listed.append({"name": name, "on": sequences, "value": largest})
     return listed
 
@@ -174,7 +174,7 @@ def paired(rows: pd.DataFrame, protocol: str) -> list[Finding]:
 
 
 def novelties(study: StudyResults, protocol: str) -> list[Finding]:
-    """One finding per model: which kind of novelty rejects best, and which kept its precision best.
+    """One finding per model: which kind of novelty rejects best, and which misses its target least.
 
     The kind in use is the first one. By how much it is behind is counted over the sequences.
     """
@@ -215,8 +215,8 @@ def novelties(study: StudyResults, protocol: str) -> list[Finding]:
 def _kept_best(group: Sequence[Result]) -> dict[str, Any]:
     """The kind of novelty whose threshold came nearest to the target precision, by cells.
 
-    Kinds are left out whose threshold was chosen for less, since the target precision could not be
-    kept on validation blocks. Empty if no kind remains.
+    Kinds are left out whose threshold was chosen for less, since no threshold reached the target
+    precision on validation blocks. Empty if no kind remains.
     """
     wanted = group[0].target_precision
     # (sequence, kind) each
@@ -239,9 +239,9 @@ def _kept_best(group: Sequence[Result]) -> dict[str, Any]:
 
 
 def ageing(rows: pd.DataFrame, title: str, protocol: str, number: str, last_day: float) -> Finding:
-    """Which models clearly lose of one number with the days, and when to train them again.
+    """The models of which one number clearly falls with the days, and when to train them again.
 
-    Of the other models it names the one that may lose most. `rows` are of unperturbed queries.
+    Of the other models it names that which may lose most. `rows` are of unperturbed queries.
     """
     slopes = _lines(rows, protocol, f"{number}_per_{PER_DAYS}_days")
     retrain_after = _lines(rows, protocol, f"{number}_retrain_after_days")
@@ -264,7 +264,7 @@ def ageing(rows: pd.DataFrame, title: str, protocol: str, number: str, last_day:
 
 
 def newer(rows: pd.DataFrame) -> Finding:
-    """Which models take the places that they know more and more for new, with the days."""
+    """The models to which places that they know look newer and newer with the days."""
     slopes = _lines(rows, "distance", f"{PERCENTILE}_per_{PER_DAYS}_days")
     clear = []
     for model, slope in slopes.items():
@@ -304,7 +304,7 @@ def _change(days: Sequence[float], shares: Sequence[float]) -> dict[str, float]:
 def slopes_counted(
     rows: pd.DataFrame, numbers: Sequence[tuple[str, str]], level: float = 0.95
 ) -> Finding:
-    """How many slopes of some numbers clearly mean ageing, and how many would by chance.
+    """How many slopes of some numbers clearly mean ageing, and how many are expected by chance.
 
     It adds the slope of the oracle, which answers each query with its nearest training pose.
     """
@@ -318,7 +318,7 @@ def slopes_counted(
         "slopes_counted",
         worse=sum(worse),
         number=len(worse),
-        chance=len(worse) * (1 - level) / 2,
+        by_chance=len(worse) * (1 - level) / 2,
         oracle=indexed(oracle, "method").get(ORACLE, ()),
         per=PER_DAYS,
     )
@@ -327,7 +327,7 @@ def slopes_counted(
 def near_changes(
     rows: pd.DataFrame, number: str, names: Mapping[float, str], least_queries: int
 ) -> Finding:
-    """Which models clearly do worse near a real change than where it is still to come, by cells.
+    """The models that clearly do worse near a real change than where one is to come, by cells.
 
     They are compared in the nearest band of distance that has at least `least_queries` seen queries
     of both. `names` maps the farthest distance of a band in metres to its name.
@@ -405,7 +405,7 @@ def best_at_each_size(
 
 
 def scope(study: StudyResults, sequences: int, seeds: int, repeats: int = 1) -> Finding:
-    """What data a section is of: where, which cells, and how many sequences, seeds and repeats."""
+    """The data behind a section: where, which cells, how many sequences, seeds and repeats."""
     return Finding(
         "scope",
         where=study.where,
@@ -436,7 +436,7 @@ def leader(comparison: Comparison, kind: Kind, measure: Measure) -> Finding:
 
 
 def kept(comparison: Comparison, kind: Kind) -> Finding:
-    """Which models keep their AUC, and which lose most of it."""
+    """The models that keep their AUC, and the model that loses most of it."""
     ranked = [
         {"model": entry["model"], "share": entry["mean"], **_aucs(comparison, entry["model"], kind)}
         for entry in _means(comparison, kind, AUC_SHARE)
@@ -446,7 +446,7 @@ def kept(comparison: Comparison, kind: Kind) -> Finding:
 
 
 def nearly_always(comparison: Comparison, kind: Kind) -> Finding:
-    """Which models are right, by distance, at nearly all queries."""
+    """The models that answer nearly all queries right, by distance."""
     entries = _means(comparison, kind, RECALL_BY_DISTANCE, is_ranked=False)
     right = [entry["model"] for entry in entries if entry["mean"] >= WHOLE]
     models = len(comparison.models)
@@ -459,8 +459,8 @@ def heading_errors(comparison: Comparison, kind: Kind) -> Finding:
     return Finding("heading_errors", kind=kind, listed=listed)
 
 
-def chance(comparison: Comparison, kind: Kind) -> Finding:
-    """How far chance alone moves the AUC of a model: between repeats, seeds and sequences."""
+def variation(comparison: Comparison, kind: Kind) -> Finding:
+    """How much the AUC of a model varies at random: between repeats, seeds and sequences."""
     measurements = [comparison.measurement(model, kind, AUC) for model in comparison.models]
     means = {
         "repeat": average([measurement.over_repeats for measurement in measurements]),
@@ -468,11 +468,11 @@ def chance(comparison: Comparison, kind: Kind) -> Finding:
         "sequence": average([measurement.over_sequences for measurement in measurements]),
     }
     deviations = [{"name": name, "mean": mean} for name, mean in means.items() if np.isfinite(mean)]
-    return Finding("chance", kind=kind, deviations=deviations)
+    return Finding("variation", kind=kind, deviations=deviations)
 
 
 def shadows(comparison: Comparison) -> list[Finding]:
-    """What it changes to hide the space behind the most walls; empty without such queries."""
+    """The effect of hiding the space behind the most walls; empty without such queries."""
     shadowless = {replace(kind, shadow=False): kind for kind in comparison.changes if kind.shadow}
     both = [kind for kind in shadowless if kind in comparison.kinds]
     if not both:
@@ -562,6 +562,6 @@ def _means(
 def _aucs(comparison: Comparison, model: str, kind: Kind) -> dict[str, float]:
     """A model's AUC unperturbed and perturbed."""
     return {
-        "driven": comparison.measurement(model, Kind(), AUC).mean,
+        "unperturbed": comparison.measurement(model, Kind(), AUC).mean,
         "perturbed": comparison.measurement(model, kind, AUC).mean,
     }

@@ -32,8 +32,8 @@ KINDS = "brief", "tables", "bfloat16", "float32", PICTURE
 
 # After the scorecard come these tables over the test days: protocol and number of each.
 OVER_DAYS = (("cells", "recall_at_1"), ("cells", "auc_top1"), ("cells", "auroc"))
-# A selection of the columns of tables.POSES. "At .99" and "accepted" are poses accepted where a
-# target precision was .99.
+# A selection of the columns of tables.POSES. "At .99" and "accepted" are poses accepted at the
+# target precision .99.
 POSES_IN_DOCUMENT = (
     Column("within 2 m, 5°", "within_2m_5deg", 3),
     Column("within 1 m, 10°", LEVEL_POSES, 3),  # of level sites alone

@@ -116,7 +116,7 @@ def percent(share: float, digits: int = 0) -> str:
 class _Numbers(Formatter):
     """Format specs of words.yaml.
 
-    `{mean:3}` and `{apart:+3}` are numbers of three decimals, `{share:%1}` is percent with one
+    `{mean:3}` and `{difference:+3}` are numbers of three decimals, `{share:%1}` is percent with one
     decimal, `{clear:yes|no}` is a choice.
     """
 

@@ -107,13 +107,13 @@ def _sections(
 
 
 def terminal_text(study: StudyResults, figures: int) -> str:
-    """The text of a study; `figures` is the number of figures in its report."""
+    """The text of a study for a terminal; `figures` is the number of figures in its report."""
     report = study.layout.path("report", study.name, study.grid, "report.md")
     return "\n".join([*_blocks(study), f"  {report}, with {figures} figures beside it\n"])
 
 
 def _blocks(study: StudyResults) -> Iterator[str]:
-    """The lines and tables of a study, by the questions that it asks."""
+    """The lines and tables of a study, as its experiment has them."""
     if study.settings.tests_over_days:
         yield f"{study.where}, trained on {study.train} alone, cells of {study.cell_m:g} m\n"
         yield tables.setup(study, longest=78).text()

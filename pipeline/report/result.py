@@ -35,7 +35,7 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """The numbers of one model on one test sequence as it was driven."""
+    """The numbers of one model on one unperturbed test sequence."""
 
     model: str  # such as sci or scan_context-engaged
     sequence: str  # the test sequence, named by its date
@@ -59,15 +59,15 @@ class Scores:
 
     @property
     def kept(self) -> float:
-        """Precision on validation blocks of training at the threshold in use.
+        """The validation precision of the threshold in use.
 
-        NaN where it is unknown or the threshold accepts nothing.
+        NaN if it is unknown, or the threshold accepts nothing.
         """
         return self.number("distance", "validation_precision")
 
     @property
     def target_precision(self) -> float:
-        """The precision that the thresholds were chosen for, on validation blocks of training."""
+        """The precision that the thresholds were chosen for on validation blocks of training."""
         return self.number("distance", "target_precision")
 
     @property
@@ -78,7 +78,7 @@ class Scores:
     def degenerate(self, protocol: str) -> bool:
         """Whether the numbers by that protocol mean nothing.
 
-        That is so if one and the same answer to every query would be right for half of them, or if
+        They mean nothing if a single answer would be right for half of the queries, or if
         no query is seen.
         """
         return (protocol, DEGENERATE) in self.numbers
@@ -94,7 +94,7 @@ class Scores:
 
 @dataclass(frozen=True, eq=False)
 class Result(Scores):
-    """One model on one test sequence as it was driven, with each query judged."""
+    """One model on one unperturbed test sequence, with each query judged."""
 
     evaluation: Evaluation
 
@@ -115,14 +115,14 @@ def read_scores(rows: pd.DataFrame, tests: Sequence[str]) -> list[Scores]:
 
     Raises ArtifactError for a table of an earlier version, which does not say how near is right.
     """
-    driven = pick(rows, ask=UNPERTURBED, seed=0)
-    judged = pick(driven[driven["sequence"].isin(tests)], protocol="distance")
+    unperturbed = pick(rows, ask=UNPERTURBED, seed=0)
+    judged = pick(unperturbed[unperturbed["sequence"].isin(tests)], protocol="distance")
     days = judged.groupby("sequence")["days"].first().astype(int)
     models = pick(judged, number="answered")["model"].unique()
-    groups = dict(iter(driven.groupby(["model", "sequence"])))
+    groups = dict(iter(unperturbed.groupby(["model", "sequence"])))
     scores = []
     for model, sequence in product(models, days.index):
-        # Rows without a model are of the study, those without a sequence of all its tests.
+        # Rows without a model are of the study; rows without a sequence are of all its tests.
         levels = (("", ""), (model, ""), (model, sequence))
         own = pd.concat([groups[level] for level in levels if level in groups])
         scores.append(Scores(model, str(sequence), days[sequence], own))
@@ -170,7 +170,7 @@ def ranked(results: Sequence[AnyScores]) -> dict[str, list[AnyScores]]:
 
 
 def mean(results: Sequence[Scores], protocol: str, name: str) -> float:
-    """The mean of one number over some results that have it; NaN where none has."""
+    """The mean of one number over the results that have it; NaN if none has it."""
     return float(average([result.number(protocol, name) for result in results]))
 
 

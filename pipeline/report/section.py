@@ -41,7 +41,7 @@ class Section:
     illustrations: Sequence[Illustration] = ()
     tables: Sequence[Table] = ()
     sources: Sequence[str] = ()  # paths of the artifacts that its numbers are from
-    parameters: Mapping[str, Any] = field(default_factory=dict)  # that the numbers depend on
+    parameters: Mapping[str, Any] = field(default_factory=dict)  # on which the numbers depend
 
 
 def illustrate(

@@ -2,7 +2,7 @@
 
 In: the rows of the table of results that are on learning further days. Out: a `Strategy` for each
 model, order of days and strategy, whose numbers figures and tables show, and the findings on them.
-A step learns a day (or a part of a day); after each step the same days are asked.
+A step learns a day (or a part of a day); after each step the same days are queried.
 """
 
 from collections.abc import Iterator, Sequence
@@ -48,7 +48,7 @@ class Strategy:
 
     @property
     def groups(self) -> list[str]:
-        """The days that are asked after each step, or the parts of the site."""
+        """The days that are queried after each step, or the parts of the site."""
         return [*pick(self.rows, number="recall_at_1")["sequence"].unique()]
 
     def over(self, number: str, protocol: str = "", group: str = "") -> NDArray[np.float64]:
@@ -91,9 +91,9 @@ def read_strategies(rows: pd.DataFrame) -> list[Strategy]:
 
 
 def findings(strategies: Sequence[Strategy]) -> list[Finding]:
-    """For each model: what growth forgets, what it lacks, and what a site regains by itself.
+    """For each model: forgetting, distance from joint training, and what self-training regains.
 
-    A model has the findings that its strategies allow.
+    Which of these findings a model has depends on its strategies.
     """
     models = grouped(strategies, "model")
     all_findings = []
@@ -111,10 +111,10 @@ def findings(strategies: Sequence[Strategy]) -> list[Finding]:
 
 
 def against(strategies: Sequence[Strategy], number: str, reference: str) -> list[dict[str, Any]]:
-    """Compare one model's growth with a reference strategy in each order, after the last step.
+    """Compare incremental learning of one model with a reference strategy, after the last step.
 
-    Returns the means of both over the seeds, and the mean, lowest and highest difference between
-    models of the same seed.
+    Returns for each order the means of both over the seeds, and the mean, lowest and highest
+    difference between models of the same seed.
     """
     entries = []
     for order, group in grouped(strategies, "order").items():
@@ -126,7 +126,7 @@ def against(strategies: Sequence[Strategy], number: str, reference: str) -> list
                     "order": order,
                     "own": average(last[INCREMENTAL]),
                     "reference": average(last[reference]),
-                    "apart": average(differences),
+                    "difference": average(differences),
                     "low": float(differences.min()),
                     "high": float(differences.max()),
                     "seeds": len(differences),

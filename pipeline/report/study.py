@@ -1,7 +1,7 @@
 """One study at one cell size: its rows of the table of results, and its artifacts.
 
-Every section of a report is made of a `StudyResults`. It reads what it is asked for when it is
-asked, and knows where each artifact lies.
+Every section of a report is made from a `StudyResults`. It reads each artifact when it is needed,
+and knows where it lies.
 """
 
 from collections.abc import Mapping
@@ -98,16 +98,15 @@ class StudyResults:
         return pick(self.table, grid=self.grid)
 
     @cached_property
-    def driven(self) -> pd.DataFrame:
-        """The rows of unperturbed queries, of stress sequences too, for models of the first
-        seed."""
+    def unperturbed(self) -> pd.DataFrame:
+        """The rows of unperturbed queries, stress sequences included, of the first seed."""
         return pick(self.rows[self.rows["ask"].isin([UNPERTURBED, STRESS])], seed=0)
 
     @cached_property
     def families(self) -> list[str]:
-        """The models of the report, of the first seed: methods, and those that answer with poses.
+        """The models of the report, of the first seed: methods, and models that answer with poses.
 
-        Variants of methods come too in a study of the year.
+        A study of the year has variants of methods too.
         """
         with_variants = self.settings.experiment == "year"
         return [
@@ -150,13 +149,13 @@ class StudyResults:
 
     @property
     def best(self) -> str:
-        """The model that a robot would be given: with poses if any has, of the highest recall@1."""
+        """The model to give a robot: with poses if any has them, of the highest recall@1."""
         posed = {result.model for result in self.results if result.posed}
         return next((model for model in self.ranked if model in posed), self.ranked[0])
 
     @cached_property
     def cut_short(self) -> dict[str, float]:
-        """Maps each model that had less than its own full training to its share of it."""
+        """Maps each model that had less than its own full training to the share that it had."""
         shares = {
             name: float(record.recipe.get("budget", 1.0))
             for name, record in self.models.items()

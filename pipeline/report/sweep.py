@@ -86,7 +86,7 @@ def _table(jobs: Sequence[Record], swept: Sequence[str]) -> Table:
 def _findings(jobs: Sequence[Record], swept: Sequence[str]) -> list[Finding]:
     """The failed jobs, and for each cell size the job with the best validation AUC and its scores.
 
-    The validation AUC is by cells, so that of one cell size says nothing about another.
+    The validation AUC is by cells, so values of different cell sizes cannot be compared.
     """
     grid_settings = [name for name in swept if name.partition(".")[0] == "grid"]
     other_settings = [name for name in swept if name not in grid_settings]

@@ -120,7 +120,7 @@ def number(
 
 
 def validation_precision(precision: float, wanted: float) -> Cell:
-    """A cell with the precision on validation blocks; `0.731 of 0.9` if less than was wanted."""
+    """A cell with the validation precision; `0.731 of 0.9` if it misses the target precision."""
     return replace(number(precision, 3), small=f"of {wanted:g}" if precision < wanted else "")
 
 

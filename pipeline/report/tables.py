@@ -63,7 +63,7 @@ from pipeline.studies import catalogue
 
 Item = TypeVar("Item")
 Of = TypeVar("Of")
-DISTANCE_FIRST = PROTOCOLS[::-1]  # the protocols in the order in which people ask
+DISTANCE_FIRST = PROTOCOLS[::-1]  # the order in which reports show the protocols
 
 
 class Column(NamedTuple):
@@ -76,7 +76,7 @@ class Column(NamedTuple):
 
 # The numbers that a study is about: beside each stands that of the oracle, which answers every
 # query with its nearest training pose. The paired test of the second number decides the marks + and
-# −; it has the exact area only, which differs little from the SCI paper's AUC.
+# −. It has only the exact area, which differs little from the SCI paper's AUC.
 MAIN_NUMBERS = {
     "recall_at_1": (Column("oracle", "oracle"), "recall_at_1"),
     "auc_top1": (Column("oracle, exact", "oracle_auc_exact_top1"), "auc_exact_top1"),
@@ -113,7 +113,7 @@ EVERYTHING = (
     Column("AUC top-1", "auc_top1"),
     *FURTHER,
 )
-# How near the poses are. "At .99" are poses accepted where a target precision was .99.
+# How near the poses are. "At .99" are poses accepted at the target precision .99.
 POSES = (
     Column("within 2 m, 5°", "within_2m_5deg"),
     Column("within 1 m, 10°", LEVEL_POSES),
@@ -127,7 +127,7 @@ POSES = (
     Column("wrong of accepted at .99", "wrong_of_accepted_99", 4),
     Column("recall at .99", "recall_99"),
 )
-# How many queries got each verdict where a target precision was .99.
+# How many queries got each verdict at the target precision .99.
 ANSWERS = (
     *(Column(verdict.replace("_", " "), f"{verdict}_99", 0) for verdict in VERDICTS),
     Column("calibration error", "pose_ece"),
@@ -143,7 +143,7 @@ COSTS = (
     Column("query [ms]", "query_ms", 2),
     Column("query, 95 % [ms]", "query_ms_p95", 2),
 )
-# Of `novelties`: MEASURES, the precision kept, and the sequence of the worst AUROC.
+# Of `novelties`: MEASURES, the validation precision, and the sequence of the worst AUROC.
 REJECTION = ("AUROC", "AUC exact", "R@99%P", "precision", "recall", "keeps", "worst AUROC")
 # Of Table II of the SCI paper, as `sequences` counts them.
 SEQUENCES = ("days", "queries", "distance: seen", "unseen", "not judged")
@@ -156,8 +156,8 @@ LEARNING = {
     "transfer": "transfer",
 }
 PSEUDO_LABELLED = {
-    "queried": "scans asked",
-    "pseudo_labelled": "pseudo_labelled",
+    "queried": "scans queried",
+    "pseudo_labelled": "pseudo-labelled",
     "wrong": "of these wrong",
     "changed": "submaps changed",
 }
@@ -179,10 +179,10 @@ def pivot(
     /,
     **options: Any,
 ) -> Table:
-    """A table with a row for each of `rows` and, after those of text, a column for each `columns`.
+    """A table with a row for each of `rows` and, after the columns of text, one for each `columns`.
 
-    A row is its texts and its item, a column its heading and what it is of; `cell` makes the cell
-    of an item in a column. `options` are those of `table`.
+    A row is its texts and its item, a column is its heading and its key; `cell` makes the cell of
+    an item and a key. `options` are those of `table`.
     """
     columns = list(columns)
     header = (*texts, *(heading for heading, _ in columns))
@@ -219,8 +219,8 @@ def _numbers(scores: Iterable[Scores], column: tuple[str, Column]) -> list[float
 def scorecard(scores: Sequence[Scores]) -> Table:
     """Recall@1 by distance: one row per model, one column per test day, and more of the last day.
 
-    The last columns are the share answered, the share of those right, the precision that the
-    threshold kept on validation blocks, and the time of a query where any was measured.
+    The last columns are the share answered, the share of these answers that is right, the
+    validation precision of the threshold, and the time of a query where any was measured.
     """
     recall = over_days("scorecard", scores, "distance", "recall_at_1", shows_degenerate=True)
     is_timed = any(np.isfinite(score.number("", "query_ms")) for score in scores)
@@ -319,7 +319,7 @@ def _marks(
 
 
 def pose_tables(scores: Sequence[Scores]) -> list[Table]:
-    """What a robot gets of the queries of each day, and how good the poses are."""
+    """The verdicts on the queries of each day, and how good the poses are."""
     headings = ("model", "sequence")
     return [
         pose_table("pose_answers", headings, scores, ANSWERS),
@@ -490,8 +490,8 @@ def setup(study: StudyResults, longest: int = 400) -> Table:
     The description of what it is is cut to `longest` characters.
     """
     rows = []
-    # The models of the first seed. Those that only add poses to another's answers have no training
-    # of their own, so they are not among the trained.
+    # The models of the first seed. A model that only adds poses to another's answers is not trained
+    # itself, so it is left out.
     for model in study.families:
         if model not in study.trained:
             continue
@@ -521,7 +521,7 @@ def setup(study: StudyResults, longest: int = 400) -> Table:
 def sequences(study: StudyResults) -> Table:
     """Table II of the SCI paper: each test sequence's age and how many of its queries are seen.
 
-    A query is seen if training had been at its place. That is counted once by distance and once by
+    A query is seen if training had been at its place. It is judged once by distance and once by
     grid cells; by distance some queries are neither seen nor unseen.
     """
     rows = []
@@ -683,8 +683,8 @@ def _by_heading(study: StudyResults) -> dict[tuple[str, str], pd.DataFrame]:
 def perturbed(study: StudyResults, models: Iterable[str]) -> Table | None:
     """Recall@1 by distance on perturbed queries, beside unperturbed queries on the same days.
 
-    One row per model that was asked perturbed queries; the last column is the change with age. None
-    if no queries were perturbed.
+    One row per model that got perturbed queries; the last column is the change with age. None if no
+    queries were perturbed.
     """
     rows = pick(study.rows[study.rows["ask"].isin([UNPERTURBED, PERTURBED])], seed=0)
     days = pick(rows, ask=PERTURBED)["sequence"].unique()
@@ -692,7 +692,7 @@ def perturbed(study: StudyResults, models: Iterable[str]) -> Table | None:
         return None
     comparison = Comparison(rows[rows["sequence"].isin(days)], {})
     kinds = comparison.kinds[: 1 + MOST_PERTURBED_KINDS]  # unperturbed queries come first
-    slopes = indexed(pick(study.driven, number=f"recall_at_1_per_{PER_DAYS}_days"), "model")
+    slopes = indexed(pick(study.unperturbed, number=f"recall_at_1_per_{PER_DAYS}_days"), "model")
     table_rows = []
     for model in models:
         if model not in comparison.models:
@@ -774,7 +774,7 @@ def on_sequences(comparison: Comparison, kind: Kind, measure: Measure) -> Table:
 
 
 def stress(comparison: Comparison, titles: Mapping[str, str]) -> Table:
-    """One row per sequence of stress and model, unperturbed: means ± deviation over the seeds."""
+    """One row per stress sequence and model, unperturbed: means ± deviation over the seeds."""
     models = comparison.ordered(Kind(), RECALL)
     rows = []
     for (i, sequence), model in product(enumerate(comparison.sequences), models):

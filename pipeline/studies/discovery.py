@@ -1,7 +1,7 @@
 """Finds the sequences of a data set, and says which train and which test.
 
-A sequence is one drive on one date. Those of a simulated data set stand in its world's table, those
-of a recorded one are found on disk. The options of `yearloc use`, such as train= and tests=, choose
+A sequence is one drive on one date. The table of a simulated world lists its sequences; those of a
+recorded data set are found on disk. The options of `yearloc use`, such as train= and tests=, choose
 among them. `proposal` makes a study of the result.
 """
 
@@ -23,7 +23,7 @@ SAFE_PATH = re.compile(r"[\w./~+@ -]+")
 SAFE_NAME = re.compile(r"\w[\w.+-]*")
 """Names of sequences that may become part of the names of stages and of paths."""
 BUDGETS = {"tiny": "tiny", "year": "full"}
-"""How long methods train in each preset of a simulated world; in others it is `demo`."""
+"""The training budget in each preset of a simulated world; in any other preset it is `demo`."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Drives:
     tests: list[str]
     """The test sequences."""
     budget: str
-    """How long methods train if nothing else is said: a file of conf/budget."""
+    """The training budget unless the person names another: a file of conf/budget."""
     notes: list[str]
     """What a person should know about the sequences, such as which cannot be read."""
 
@@ -81,7 +81,7 @@ class LogFolder:
 
     root: Path
     missing: Mapping[str, list[str]]
-    """Every sequence, with what is missing to read it; nothing if it can be read."""
+    """Every sequence, with what is missing to read it: an empty list if it can be read."""
     readable: list[str]
     """The sequences that can be read."""
     notes: list[str]
@@ -101,9 +101,9 @@ class LogFolder:
             missing |= {sequence: ["a name of letters, digits and ._+-: rename it"]}
         readable = []
         notes = []
-        for sequence, missing_splits in missing.items():
-            if missing_splits:
-                notes.append(f"{sequence}: lacks {', '.join(missing_splits)}")
+        for sequence, missing_parts in missing.items():
+            if missing_parts:
+                notes.append(f"{sequence}: lacks {', '.join(missing_parts)}")
             else:
                 readable.append(sequence)
         return cls(root, missing, readable, notes)
@@ -128,7 +128,7 @@ def recorded_drives(
     named_splits = _named_splits(options, logs.readable)
     rule = _rule(name, defaults, options)
     if rule and logs.readable:
-        # the study is on the parts of one log
+        # the study trains and tests on the splits of one log
         default_log = (default_train or "").partition("-")[0]
         if default_log not in logs.readable:
             default_log = logs.readable[0]
@@ -177,7 +177,7 @@ def _named_sequences(options: Mapping[str, str]) -> list[str]:
 
 
 def _named_splits(options: Mapping[str, str], readable: Sequence[str]) -> list[str]:
-    """The names in train= and tests= that are parts of readable logs, such as drive+path1of2."""
+    """The names in train= and tests= that are splits of readable logs, such as drive+path1of2."""
     named_splits = []
     for name in dict.fromkeys(_named_sequences(options)):
         log, split = Split.named(name)
@@ -187,16 +187,16 @@ def _named_splits(options: Mapping[str, str], readable: Sequence[str]) -> list[s
 
 
 def _rule(name: str, defaults: Mapping[str, Any], options: Mapping[str, str]) -> str | None:
-    """How one log is split into parts, of which the first trains; None if no log is split."""
+    """How one log is split; the first split trains. None if no log is split."""
     rule: str | None = options.get("split", defaults.get("split"))
     if "log" in options and not rule:
         raise ConfigError(
-            f"log={options['log']}: {name} splits no log; give splits= too, or train= and tests= "
+            f"log={options['log']}: {name} splits no log; give split= too, or train= and tests= "
             "instead"
         )
     if options.get("split") and {"train", "tests"} <= options.keys():
         raise ConfigError(
-            f"split={rule}: train= and tests= name the parts already; leave one of the two out"
+            f"split={rule}: train= and tests= name the splits already; leave one of the two out"
         )
     return rule
 
@@ -204,7 +204,7 @@ def _rule(name: str, defaults: Mapping[str, Any], options: Mapping[str, str]) ->
 def _training_sequences(
     logs: LogFolder, options: Mapping[str, str], default: str | None
 ) -> list[str]:
-    """The training sequences: those of train=, or the data set's default, or the first readable."""
+    """The training sequences: of train=, else the data set's default, else the first readable."""
     first_readable = logs.readable[0] if logs.readable else ""
     sequences = options.get("train", default or first_readable).replace(",", " ").split()
     if len(sequences) > 1:
@@ -217,8 +217,7 @@ def _training_sequences(
     for name in _named_sequences(options):
         if name in whole_logs and name not in sequences:
             raise ConfigError(
-                f"tests={name}: holds what the training sequence {train} is a part of; "
-                "give another part"
+                f"tests={name}: the training sequence {train} is a split of it; give another split"
             )
     if not sequences or not set(sequences) <= set(logs.readable):
         advice = "no sequence there can"
@@ -232,7 +231,7 @@ def _training_sequences(
 
 
 def _whole_logs(sequences: Sequence[str]) -> list[str]:
-    """The log that each sequence is, or is a part of."""
+    """The log that each sequence is, or is a split of."""
     whole_logs = []
     for sequence in sequences:
         log, _ = Split.named(sequence)
@@ -243,7 +242,7 @@ def _whole_logs(sequences: Sequence[str]) -> list[str]:
 def _test_sequences(
     logs: LogFolder, options: Mapping[str, str], default: Sequence[str], train: Sequence[str]
 ) -> list[str]:
-    """The test sequences: those of tests=, or the data set's default, or all that do not train."""
+    """The test sequences: of tests=, else the data set's default, else all that do not train."""
     if "tests" in options:
         tests = options["tests"].split(",")
     elif default:

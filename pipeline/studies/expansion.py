@@ -43,9 +43,9 @@ LISTS = (
     "published",
     "absent",
 )
-"""The names of all lists; dvc.yaml needs each of them, if it be empty."""
+"""The names of all lists. dvc.yaml needs each of them, even an empty one."""
 STRUCTURE = ("demolition", "construction")
-"""Perturbations of buildings, which only a method's own model is asked about.
+"""Perturbations of buildings, with which only a method's own model is queried.
 
 Variants and seeds differ in which headings they learned, and buildings do not matter for that.
 """
@@ -99,7 +99,7 @@ def _add_drives(lists: Lists, study: Study) -> None:
 
 
 def _add_views(lists: Lists, study: Study) -> None:
-    """Add the views that the methods look at, of the submaps unperturbed and perturbed."""
+    """Add the views that the methods look at, of unperturbed and of perturbed submaps."""
     for method in study.methods:
         for view in method.views:
             instance = f"{study.name}-{view}"
@@ -155,8 +155,8 @@ def courses_of_model(
     """The courses of one model, as instances of the stage `lifelong`: name to settings.
 
     A course is an order of the days that are learned after training, and a strategy to learn them.
-    The order `self_training` has those that a site learns by its own poses. `model_settings` are
-    the settings of the model itself, which each instance takes too.
+    The order `self_training` has the days that a site learns from its own poses. `model_settings`
+    are the settings of the model itself, which each instance takes too.
     """
     model = f"{study.name}-{model_settings['grid']}-{model_settings['model']}"
     days_of_order = {"days": study.learned, "self_training": study.self_training}
@@ -166,7 +166,7 @@ def courses_of_model(
             "order": order,
             "strategy": strategy,
             "learned": " ".join(days_of_order.get(order, ())),
-            "asked": " ".join(study.tests),
+            "queried": " ".join(study.tests),
         }
         for order, strategies in method.courses.items()
         for strategy in strategies
@@ -200,8 +200,10 @@ def _add_answers(
     model: ModelName,
     model_settings: Mapping[str, Any],
 ) -> None:
-    """Add what a model answers, and its evaluation; at further cell sizes, only tests
-    unperturbed."""
+    """Add what a model answers, and its evaluation.
+
+    At further cell sizes only the unperturbed test sequences are queried.
+    """
     dataset = study.name
     instance = _instance(study, grid, model)
     is_own_grid = grid in study.grids
@@ -237,7 +239,7 @@ def _add_answers(
 
 
 def _perturbations_of(study: Study, model: ModelName) -> list[str]:
-    """The perturbations that a model is asked about."""
+    """The perturbations with which a model is queried."""
     is_methods_own = model == ModelName(model.method)
     return [name for name in study.perturbed if is_methods_own or name not in STRUCTURE]
 

@@ -2,7 +2,7 @@
 
 1. Find the sequences that train and test (`discovery`).
 2. Make a study of them, with the choices in the data set's yaml (`first_choices`).
-   3. Apply CHANGES to it one after another: the stress sequences of its world's preset, the scale,
+3. Apply CHANGES to it one after another: the stress sequences of its world's preset, the scale,
    the variants and seeds of each method, the experiment, perturbed queries, poses, and timing. Each
    is a function that takes a study and returns a changed one.
 """
@@ -45,7 +45,7 @@ OPTIONS = (
     "tests",
     "variants",
 )
-"""The options of `yearloc use` that a study takes, less those in NEEDLESS for its experiment."""
+"""The options of `yearloc use` for a study, without those in NEEDLESS for its experiment."""
 MOST_SEEDS = 100
 """The most models of a method that `seeds=` may ask for."""
 NEEDLESS = {
@@ -56,14 +56,14 @@ NEEDLESS = {
 SLAM = "slam"
 """The word after `poses=` by which poses are estimated from the scans; other words name models."""
 REPLAYED = "replayed"
-"""A method with this setting trains its network further; any other only grows its database."""
+"""A method with this setting trains its network further; any other only adds to its database."""
 PRESET = "demo"
 """The preset of a simulated world without the option `world=`: one of its files in conf/world."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """What a person asks of a data set, beside the choices that its yaml makes."""
+    """What a person wants from a data set, beside the choices that its yaml makes."""
 
     conf: Path
     """The project's folder conf/."""
@@ -73,7 +73,7 @@ class Request:
     """The study in the data set's yaml, with the changes that the experiment makes to it."""
 
     def has(self, option: str) -> bool:
-        """Whether the person gave an option, be it empty."""
+        """Whether the person gave an option, even an empty one."""
         return option in self.options
 
     def names(self, option: str, choices: Sequence[str]) -> list[str]:
@@ -231,7 +231,7 @@ def with_experiment(study: Study, request: Request) -> Study:
     """The study with what its experiment needs: `lifelong` needs further days and courses.
 
     The courses of a method say in which order it learns these days, and by which strategies. Raises
-    ConfigError for methods that the experiment of viewpoints cannot be asked about.
+    ConfigError for methods that cannot take part in the experiment of viewpoints.
     """
     if study.experiment == VIEWPOINTS and len(study.bird_view_methods) < len(study.methods):
         raise ConfigError(
@@ -255,11 +255,11 @@ def with_experiment(study: Study, request: Request) -> Study:
 def with_further_days(
     study: Study, defaults: Mapping[str, Any], preset: str, learned: str
 ) -> Study:
-    """The study in which a model learns some of the test days, and is asked about the others.
+    """The study in which a model learns some of the test days, and is queried on the others.
 
     `learned` names the learned days, with commas between. If it is empty they are those that
     `defaults`, the study in the data set's yaml, has for this preset of a world, or else every
-    second test day. Raises ConfigError if no day is left to learn or to ask about.
+    second test day. Raises ConfigError if no day is left to learn or to query.
     """
     default_days = defaults.get("learned", {}).get(preset, study.tests[::2])
     learned_days = learned.split(",") if learned else list(default_days)
@@ -269,7 +269,7 @@ def with_further_days(
             f"learned={','.join(learned_days)}: expected some of several test sequences; the "
             "others are asked after each"
         )
-    # a day that is asked about must not be learned
+    # a queried day must not be learned
     self_training = [
         day for day in defaults.get("self_training", {}).get(preset, ()) if day not in query_days
     ]
@@ -364,7 +364,7 @@ def with_timing(study: Study, request: Request) -> Study:
 def _refuse_unknown(
     name: str, dataset: Mapping[str, Any], experiment: str, options: Mapping[str, str]
 ) -> None:
-    """Raise ConfigError for an option that a data set or a experiment does not take."""
+    """Raise ConfigError for an option that the data set or the experiment does not take."""
     allowed = set(OPTIONS)
     allowed |= {"learned"} if experiment == LIFELONG else set()
     allowed |= {"world"} if dataset["simulated"] else {"root", "log", "split", "train"}
@@ -381,7 +381,7 @@ def _refuse_unknown(
 
 
 def refuse_unposed(study: Study, reader: Mapping[str, Any]) -> None:
-    """Raise ConfigError if logs have no poses, and these cannot or shall not be estimated."""
+    """Raise ConfigError if logs have no poses, and poses cannot or shall not be estimated."""
     for key in ("ground_truth", "poses"):  # the keys by which readers name the source of poses
         if key in reader and not reader[key] and not study.slam:
             raise ConfigError(
@@ -392,7 +392,7 @@ def refuse_unposed(study: Study, reader: Mapping[str, Any]) -> None:
         _, split = Split.named(sequence)
         if split and split.needs_path:
             raise ConfigError(
-                f"{sequence}: a part by path, which is not known before poses=slam has estimated "
+                f"{sequence}: a split by path, which is not known before poses=slam has estimated "
                 "it; split the log by time, as in split=time:2"
             )
 
@@ -400,13 +400,12 @@ def refuse_unposed(study: Study, reader: Mapping[str, Any]) -> None:
 def _defaults(
     conf: Path, name: str, study: Mapping[str, Any], experiment: str
 ) -> Mapping[str, Any]:
-    """The study in a data set's yaml, with the changes of conf/experiment and of the yaml
-    itself."""
-    # a data set can be asked about viewpoints only if its yaml has a table for them
+    """The study in a data set's yaml, changed by conf/experiment and by the yaml itself."""
+    # the experiment of viewpoints needs a table in the data set's yaml
     experiments = [word for word in EXPERIMENTS if word != VIEWPOINTS or word in study]
     if experiment not in experiments:
         raise ConfigError(f"experiment={experiment}: of {name} expected {' or '.join(experiments)}")
-    # the sequences of viewpoints are whole logs, where other experiments may split one into parts
+    # the sequences of viewpoints are whole logs; other experiments may split a log
     changes_of_logs = {"split": False} if experiment == VIEWPOINTS else {}
     experiment_file = conf / "experiment" / f"{experiment}.yaml"
     general_changes = read_yaml(experiment_file) if experiment_file.is_file() else {}

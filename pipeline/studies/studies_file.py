@@ -1,4 +1,4 @@
-"""Reads and writes conf/studies.yaml, the one list of what is learned and asked, and lists.yaml.
+"""Reads and writes conf/studies.yaml, the one list of what is learned and queried, and lists.yaml.
 
 A person or `yearloc use` writes conf/studies.yaml. conf/lists.yaml follows from it: dvc.yaml
 expands to its lists, one instance of a stage for each entry.
@@ -74,7 +74,7 @@ def refuse_unknown(conf: Path, study: Study) -> None:
     if study.poses and study.perturbed and study.submap.startswith(LEVEL):
         raise ConfigError(
             f"{study.name}: poses={','.join(study.poses)}: level sweeps (submap {study.submap}) "
-            "are localised unperturbed alone; leave poses or perturbed out"
+            "are localised from unperturbed scans only; leave poses or perturbed out"
         )
     views = dict.fromkeys(view for method in study.methods for view in method.views)
     files = {
@@ -113,8 +113,7 @@ def check_lists(studies: Mapping[str, Study], lists: Any) -> None:
     expected_lists = expand(studies)
     if any(joined_lists.get(name) != instances for name, instances in expected_lists.items()):
         raise ConfigError(
-            "conf/lists.yaml does not follow from conf/studies.yaml; `yearloc use` generates it "
-            "again"
+            "conf/lists.yaml does not follow from conf/studies.yaml; `yearloc use` rewrites it"
         )
 
 

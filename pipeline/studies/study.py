@@ -1,12 +1,12 @@
-"""A study: which days are learned, which days are asked about, and which methods are compared.
+"""A study: which days are learned, which days are queried, and which methods are compared.
 
 A study has one of four experiments.
-- `year`: how does a localiser last over a year? Methods on bird-views are judged with turned robots
-  besides (DOM and PFL, IROS 2018).
+- `year`: how well does a localiser work through a year? Methods on bird-views are judged with
+  turned robots too (DOM and PFL, IROS 2018).
 - `robustness`: the same, also with perturbed queries, stress sequences (drives that are hard in one
   way), other cell sizes, and variants of the methods.
 - `viewpoints`: turned robots alone, on sequences that share no place with training.
-- `lifelong`: what does a model answer after it learned further days ?
+- `lifelong`: what does a model answer after it has learned further days?
 
 `Study.of` reads a study of conf/studies.yaml and checks it; `Study.table` is what is written there.
 """
@@ -39,7 +39,7 @@ VIEW_WORD = "method.view="
 EMPTY: tuple[object, ...] = ("", [], {}, None)
 """Values of a key in conf/studies.yaml that count as if it were left out."""
 TOLERANCE = "15m"
-"""How near an answer must be if a study does not say it: a file of conf/tolerance."""
+"""How near an answer must be unless the study says otherwise: a file of conf/tolerance."""
 SIMULATED = {"source": "world", "reads": "simulated"}
 RECORDED = {"source": "readers", "reads": "reader"}
 """Where the logs of a simulated and of a recorded study come from.
@@ -203,11 +203,11 @@ class Study:
     learned: tuple[str, ...] = ()
     """Sequences with reference poses that models learn after training."""
     self_training: tuple[str, ...] = ()
-    """Sequences that a site learns by its own poses."""
+    """Sequences without reference poses, which a site learns from its own poses (pseudo-labels)."""
     perturbed: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """For each perturbation (a file of conf/perturbation) the test sequences that it perturbs."""
     cells: tuple[CellSize, ...] = ()
-    """Further cell sizes, at which only the methods' own models are asked."""
+    """Further cell sizes, at which only the methods' own models are queried."""
     stress: Mapping[str, str] = field(default_factory=dict)
     """Sequences that are hard in one way, each with a description of it."""
     poses: tuple[str, ...] = ()
@@ -219,7 +219,7 @@ class Study:
     slam: bool = False
     """Whether poses are estimated from the scans, not read from the logs."""
     key_order: tuple[str, ...] = field(default=(), compare=False)
-    """The keys that conf/studies.yaml has, in its order, so that they are written so again."""
+    """The keys that conf/studies.yaml has, in its order, so that it is written in this order."""
 
     @classmethod
     def of(cls, conf: Path, name: str, table: Mapping[str, Any]) -> Self:
@@ -332,7 +332,7 @@ class Study:
 
 
 def _of_conf(conf: Path, kind: Any, value: Any) -> Any:
-    """What a name of a file of conf/ stands for; and a method's table with what may be left out."""
+    """The object that a name of a file of conf/ stands for; a method's table is completed."""
     is_name = isinstance(value, str)
     if kind in (CellSize, Tolerance):
         return kind.read(conf, value) if is_name else value
@@ -354,7 +354,7 @@ def _refuse_unknown(what: str, table: Mapping[str, Any], keys: Collection[str]) 
 
 @contextmanager
 def faults_of(study: str) -> Iterator[None]:
-    """Put the study of conf/studies.yaml before what an error of the block says."""
+    """Name the study of conf/studies.yaml at the beginning of an error raised in the block."""
     try:
         yield
     except ConfigError as error:

@@ -41,8 +41,8 @@ class UpToDate:
     def is_up_to_date(self, step: Step, step_of_artifact: Mapping[str, Step]) -> bool:
         """Whether `dvc status` would report nothing for a step and all steps before it.
 
-        `step_of_artifact` are the `producers` of the chain. The step's own artifacts are not looked
-        at: that is `is_intact`.
+        `step_of_artifact` are the `producers` of the chain. The step's own artifacts are not
+        checked: `is_intact` does so.
         """
         if step.command not in self._answers:
             self._answers[step.command] = self._is_unchanged(step, step_of_artifact)

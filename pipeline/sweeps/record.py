@@ -38,8 +38,8 @@ class Record:
     error: str | None = None
     """Why the job failed, in one line."""
     rows: Sequence[Mapping[str, Any]] = ()
-    """Rows of the table of results. Each is one number of one test sequence, for queries that are
-    not perturbed. One further row, of no sequence, is the AUC on validation blocks of training."""
+    """Rows of the table of results. Each is one number of one test sequence, for unperturbed
+    queries. One further row, of no sequence, is the AUC on validation blocks of training."""
     from_dvc: Mapping[str, int] = field(default_factory=dict)
     """How many artifacts of each stage DVC had built already."""
     from_sweeps: Mapping[str, int] = field(default_factory=dict)
@@ -52,13 +52,13 @@ class Record:
     """CPU time of the job's own process."""
 
     @cached_property
-    def driven(self) -> pd.DataFrame:
-        """Its rows as a table, without those that ask how a further kind of novelty rejects."""
+    def unperturbed(self) -> pd.DataFrame:
+        """Its rows as a table, without the rows on how further kinds of novelty reject."""
         return pick(table(self.rows), ask=UNPERTURBED)
 
     def values(self, protocol: str, number: str) -> list[float]:
         """The finite values of a number, one for each row that has it; empty for a failed job."""
-        values = pick(self.driven, protocol=protocol, number=number)["value"]
+        values = pick(self.unperturbed, protocol=protocol, number=number)["value"]
         return [*values[np.isfinite(values)]]
 
     @property

@@ -1,7 +1,7 @@
 """Finds or builds the artifacts of one job of a sweep: its settings in; paths of the artifacts out.
 
-1. If DVC built an artifact with the same settings, code and inputs, it is taken (`lock`).
-2. If an earlier job did, it is taken from the cache, by a key of all of these.
+1. If DVC built the artifact with the same settings, code and inputs, it is used (`lock`).
+2. If an earlier job built it so, it is taken from the cache, by a key of all of these.
 3. Else its inputs are found or built in the same way, and its step of the chain is run (`chain`).
 """
 
@@ -187,7 +187,7 @@ def substituted_fields(
 
 
 def _substituted(value: str, replacements: Mapping[str, str], gather: Gather) -> str:
-    """A field's value; if it is the path of an artifact, of a part or a folder, its replacement."""
+    """A field's value, replaced if it is the path of an artifact, of its part, or of its folder."""
     if not value:
         return value  # an empty path would be the parent of every artifact
     path = PurePosixPath(value)
@@ -210,7 +210,7 @@ def _substituted(value: str, replacements: Mapping[str, str], gather: Gather) ->
 
 
 def _distinct_names(outs: Sequence[str]) -> list[str]:
-    """A file name for each artifact of one step; a second one of a name has its kind before it."""
+    """A file name for each artifact of one step; a repeated name gets its kind as a prefix."""
     names: list[str] = []
     for path in map(PurePosixPath, outs):
         kind = path.parts[1]  # artifacts/KIND/…

@@ -132,7 +132,7 @@ def _server(address: str) -> "URL":
 
     try:
         url = make_url(address)
-    # no part of an address that cannot be read is shown: any may be of the password
+    # an address that cannot be read is not shown: any part of it may belong to the password
     except (ArgumentError, ValueError):
         raise ConfigError(f"tracking.database: expected {EXPECTED}") from None
     if url.drivername != "postgresql" or not url.host or "@" in url.host:
@@ -156,8 +156,8 @@ def find_experiment(client: "MlflowClient", name: str, database: Database) -> tu
     """The id of the experiment of this name whose files go where the database says, and `aside`.
 
     `aside` is the new name of an older experiment of this name whose files went to another folder,
-    else empty. Raises ConfigError for such an experiment in a server's database: it may be somebody
-    else's, who would put ours aside in turn.
+    else empty. Raises ConfigError for such an experiment in a server's database: it may belong to
+    somebody else, who would put ours aside in turn.
     """
     aside = ""
     if experiment := client.get_experiment_by_name(name):

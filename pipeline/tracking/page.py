@@ -7,8 +7,8 @@ MLflow that may not know such views gets neither, and opens its plain page.
 MLflow 3 keeps a view of an experiment's page in the experiment's tag `mlflow.sharedViewState.KEY`,
 and a page whose address says `viewStateShareKey=KEY` opens on it. The tag holds JSON `{"name",
 "createdAt", "state"}`, its `state` being `deflate;` followed by the base64 of a zlib stream of
-JSON, at most 5,000 characters in all. So read in the page's own code of MLflow 3.17 and tried
-there; of the keys that the inner JSON may have, these are set:
+JSON, at most 5,000 characters in all. This was read in the page's own code of MLflow 3.17 and tried
+there. Of the keys that the inner JSON may have, these are set:
 
 - `compareRunSections`: `{"uuid", "name", "display", "isReordered"}` each, from top to bottom;
   `display`: unfolded. The page adds a chart of each metric that none of `compareRunCharts` shows to
@@ -18,8 +18,8 @@ there; of the keys that the inner JSON may have, these are set:
   own configuration of a chart.
 - `selectedColumns`, `columnOrder`, `columnWidths`: of the table of runs; the widths only count
   where the order is given too.
-- `isAccordionReordered`: the page shall not sort the sections by name. `runsHiddenMode`: show all
-  runs, not the first ten.
+- `isAccordionReordered`: keeps the page from sorting the sections by name. `runsHiddenMode`: shows
+  all runs, not the first ten.
 
 Runs with children are folded on a page that opens so: unfolding (`runsExpanded`) is each reader's
 own and cannot be shared.
@@ -50,7 +50,7 @@ GREY = "#808080"
 # seen on white.
 RAMP = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (216, 176, 0))
 View = Mapping[str, Any]  # a view of templates/views.yaml
-# How the names of metrics begin that SCALE does not fit: they are no shares, or too small ones.
+# The beginnings of names of metrics that SCALE does not fit: they are no shares, or too small.
 UNBOUNDED = (
     "accepted/",
     "ageing/",

@@ -99,10 +99,10 @@ class StudyRuns:
         study = self.study
         family = answerer.family  # the method, and its variant if it has one
         rows = pick(self.rows, model=family, seed=0)
-        driven = pick(rows, ask=UNPERTURBED)
+        unperturbed = pick(rows, ask=UNPERTURBED)
         tested = rows[rows["sequence"].isin(study.tests)]
         series = days_series(tested) | mean_series(tested) | training_series(arrays)
-        series |= ageing_series(driven) | viewpoint_series(rows) | extra_series
+        series |= ageing_series(unperturbed) | viewpoint_series(rows) | extra_series
         where = {"dataset": study.name, "grid": self.grid}
         run_colour = colour(family)
         if answerer.posed:
@@ -317,7 +317,7 @@ def _job(record: Record, settings: Mapping[str, str], tags: Mapping[str, str]) -
         name=_short(settings) or f"job {record.number}",
         tags={**tags, **failed},
         params=settings,
-        series=days_series(record.driven[~record.driven["number"].isin(NOT_OF_JOBS)]),
+        series=days_series(record.unperturbed[~record.unperturbed["number"].isin(NOT_OF_JOBS)]),
     )
 
 

@@ -28,8 +28,8 @@ def settle(
 ) -> None:
     """Register the models by name, and delete versions published here whose model is gone.
 
-    A registered model published here without a version left is deleted. What others registered is
-    left alone.
+    A registered model published here that has no version left is deleted. Models that others
+    registered are left alone.
     """
     registered = {
         registered_model.name: registered_model

@@ -36,10 +36,9 @@ PARENT = "mlflow.parentRunId"
 NOTE = "mlflow.note.content"
 OUR_NOTE = "yearloc.note"  # the tag with the note as it was written here
 BATCH = 1_000  # metric points that MLflow takes at once
-# The group of metrics that the page shows on its tab of system metrics, over time: their steps are
-# seconds.
+# The group of metrics that the page shows on its tab of system metrics, over time, in seconds.
 SYSTEM = "system/"
-# The time of a point of step 0: 2000-01-01, in ms since 1970. MLflow's page takes small numbers for
+# The time of a point of step 0: 2000-01-01, in ms since 1970. MLflow's page reads small numbers as
 # years.
 NO_CLOCK_MS = 946_684_800_000
 Models = Mapping[str, Sequence["LoggedModel"]]  # run id to the models that the run logged
@@ -113,7 +112,7 @@ def experiment_of(dataset: str, simulated: bool, experiment: str = "") -> str:
 
 @dataclass(frozen=True)
 class Published:
-    """What a call of `publish` did: how many runs were written, and how many were there already.
+    """What a call of `publish` did: how many runs it wrote, and how many it left as they were.
 
     Children are counted too.
     """
@@ -196,7 +195,7 @@ def _quiet_client(target: Database) -> Iterator["MlflowClient"]:
     quiet = {
         "alembic": logging.WARNING,
         "mlflow": logging.WARNING,
-        # it logs the error that it raises, which we tell in one line
+        # it logs the error that it raises, which we report in one line
         "mlflow.store.db.utils": logging.CRITICAL,
         "sqlalchemy.pool": logging.CRITICAL,
     }

@@ -60,8 +60,7 @@ class Served:
 
     arrays: Path  # the model that `stages.train` wrote
     method: str  # module and class, as `pipeline.methods.sci:Sci`
-    # The arguments of the method's constructor; pyfunc.py leaves out those that the class has no
-    # field for.
+    # The arguments of the method's constructor; pyfunc.py leaves out those without a field.
     parameters: Mapping[str, bool | int | float | str]
     image_shape: tuple[int, ...]  # of one view, such as rings and sectors
     k: int = 25  # places ranked unless `predict(views, params={"k": …})` asks for another number

@@ -1,5 +1,4 @@
-"""Tests of the verdicts on the papers' findings, on small tables, and that docs/papers.md is what
-the kept tables give."""
+"""Tests of the verdicts on the papers' findings, and that docs/papers.md follows from the tables."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -109,7 +108,7 @@ def test_half_widths_add_as_squares_do() -> None:
     )
 
 
-def test_one_method_is_held_against_the_strongest_of_the_others() -> None:
+def test_one_method_is_compared_with_the_strongest_of_the_others() -> None:
     others = (rows(SCAN_CONTEXT, 0.6, 0.7), rows(M2DP, 0.2, 0.3))
     measure = is_ahead(SCI, SCAN_CONTEXT, M2DP)
     for values, expected in (
@@ -205,7 +204,7 @@ def test_an_error_is_better_where_it_is_less() -> None:
     assert (drawn.label, black.label) == ("`pfl`", "a black image")
 
 
-def test_headings_within_and_beyond_an_angle_are_held_against_a_limit() -> None:
+def test_headings_within_and_beyond_an_angle_are_compared_with_a_limit() -> None:
     near = at_every_heading(PFL, None, within_deg=30, limit=0.5)
     beyond = at_every_heading(PFL, None, sign=-1, beyond_deg=30, limit=0.5)
     given = street(headings(PFL, [0.6, 0.4, 0.3]))
@@ -236,7 +235,7 @@ def test_stability_takes_three_seeds() -> None:
 def test_a_finding_of_unknown_direction_or_without_numbers_has_no_verdict() -> None:
     given = tables(rows(SCI, 0.9), rows(M2DP, 0.2))
     outcome = has_no_verdict(SCI, M2DP)(given)
-    assert (outcome.verdict, outcome.reason) == (UNDECIDED, "untold")
+    assert (outcome.verdict, outcome.reason) == (UNDECIDED, "unknown_direction")
     assert outcome.sides[1][1].value == pytest.approx(0.2)
     assert judged(has_no_verdict(SCI, SCAN_CONTEXT), given) == (UNDECIDED, "missing")
     assert judged(is_not_measured, given) == (UNDECIDED, "absent")
@@ -311,13 +310,13 @@ def test_a_row_says_number_data_and_why_and_headlines_stand_on_top(tmp_path: Pat
     kept.keep("compare", given, STUDY, "2026-11-26", "a processor", tmp_path)
     text = page(kept.read(tmp_path))
     assert (
-        "- **M2DP loses nearly all to two walls**: its AUC is 0.100 [.09, .11], and "
+        "- **Two new walls cost M2DP nearly all of its AUC**: it is 0.100 [.09, .11], and "
         "0.500 [.49, .51] unperturbed." in text
     )
     assert (
         "| `m2dp` 2 new walls 0.100 [.09, .11], `m2dp` 0.500 [.49, .51]; nothing is trained "
-        "| campus, simulated: `compare` | **contradicted**, a headline. Against nine tenths of the "
-        "second, the difference is −0.350 [−.36, −.34], the other way, and 0 is outside. |" in text
+        "| campus, simulated: `compare` | **contradicted**, a headline. The difference to nine tenths "
+        "of the second is −0.350 [−.36, −.34], in the other direction, and 0 is outside. |" in text
     )
     assert "No table `nway` is kept: `make papers`." in text
     assert "| campus `demo` | a processor | 2026-11-26 |" in text
@@ -329,18 +328,18 @@ def test_a_headline_says_when_its_interval_is_too_wide(tmp_path: Path) -> None:
     given = table(lines, study="campus", dataset="campus", simulated=True)
     kept.keep("compare", given, STUDY, "2026-11-26", "a processor", tmp_path)
     text = page(kept.read(tmp_path))
-    assert "- **Scan Context keeps all when the robot is turned**: its AUC is 0.700" in text
-    assert "lose: not decidable here, for two intervals of the same queries leave" in text
-    assert "0 is inside; that both are of the same queries would narrow it. |" in text
+    assert "- **Scan Context loses nothing when the robot is turned**: its AUC is 0.700" in text
+    assert "lose: not decidable here, since two intervals of the same queries allow" in text
+    assert "0 is inside; a paired interval of the same queries would be narrower. |" in text
 
 
 @pytest.mark.parametrize(
     ("kept_auc", "expected"), [(1.0, CONTRADICTED), (0.7, SHOWN), (0.91, UNDECIDED)]
 )
-def test_perturbed_queries_are_held_against_the_same_ones_unperturbed(
+def test_perturbed_queries_are_compared_with_the_same_queries_unperturbed(
     kept_auc: float, expected: str
 ) -> None:
-    # Two intervals of ±.2 tell nothing; drawn together, the share is known to ±.05.
+    # Two intervals of ±.2 decide nothing; a paired bootstrap knows the share to ±.05.
     turned = Side("compare", "campus", "scan_context", ask=PERTURBED, of="turned")
     wide = [*rows(turned, 0.7, half=0.2), *rows(SCAN_CONTEXT, 0.7, half=0.2)]
     measure = keeps_less(turned, SCAN_CONTEXT)

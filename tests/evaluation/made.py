@@ -25,8 +25,7 @@ SEEN = np.array([1, 1, 1, 0, 1, 0], bool)
 TOY = GroundTruth(SEEN, ~SEEN, np.array([0, 1, 0, -1, 0, -1]), np.array([1, 1, 1, 0, 0, 0], bool))
 NOVELTY = np.array([0.1, 0.2, 0.3, 0.4, 0.6, 0.7], np.float32)
 THRESHOLDS = np.array([0.15, 0.25, 0.35, 0.5, 0.65, 1.0])
-"""The toy of METHODS.md 2.7: six queries, the second of them placed wrong (its true place is ranked
-second)."""
+"""The toy of METHODS.md 2.7: six queries. The second is placed wrong: its true place is ranked 2nd."""
 
 XY_M = np.array([(0, 0), (10, 0), (20, 0), (30, 0), (40, 0), (40, 100), (40, 120)], float)
 BOOTSTRAP = Bootstrap(block_m=15.0, resamples=40)
@@ -57,8 +56,7 @@ M2DP = replace(
     confidence=NAN,
     kinds=("distance",),
 )
-"""Right at 0 and 2 alone, of which SCI misplaces 2: one for it, two (1 and 4) against it by
-cells."""
+"""Right at 0 and 2 alone. SCI misplaces 2: by cells one query is for it, two (1 and 4) against."""
 LABELS = Labels(
     places=np.array([1, 2, 3, 4, 5, -1, -1]),
     cells=np.arange(10),

@@ -35,7 +35,7 @@ def test_a_confidence_that_means_what_it_says_has_a_small_error_and_an_overconfi
 def test_what_is_no_probability_has_no_error_and_no_bins(confidence: float) -> None:
     answers = np.array([0.5, confidence]), np.array([True, False])
     assert np.isnan(ece(*answers))
-    with pytest.raises(InputError, match="no chance"):
+    with pytest.raises(InputError, match="a probability"):
         reliability(*answers)
 
 

@@ -1,4 +1,4 @@
-"""Tests of the doubts about a score: one answer to all queries, a site within the tolerance,
+"""Tests of the caveats about a score: one answer to all queries, a site within the tolerance,
 thresholds that reject all or nothing."""
 
 from pathlib import Path

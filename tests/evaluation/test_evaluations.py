@@ -65,8 +65,7 @@ TURNED = replace(
     places=RANKING.places[:, ::-1],
     heading_deg=180 - (180 - RANKING.heading_deg - LEFT_DEG[:, None]) % np.float32(360),
 )
-"""Their reported headings turn with them, and their answers are swapped: right is the third
-alone."""
+"""Reported headings turn with the queries, and answers are swapped: only the third is right."""
 
 
 def drive(
@@ -77,10 +76,10 @@ def drive(
     turned_deg: np.ndarray | None = None,
     poses: np.ndarray | None = None,
 ) -> Evaluation:
-    """Five queries: right; right but turned around; true place second; right but rejected; unseen
-    and rejected.
+    """Five queries, of which the last two are rejected.
 
-    By distance the third is right, 10 m away, and the fourth is not judged, 6 m from training.
+    Right; right but turned around; true place second; right; unseen. By distance the third is
+    right, 10 m away, and the fourth is not judged, 6 m from training.
     """
     true = standing(xy_m, YAW_DEG if len(xy_m) == 5 else 0.0)
     rules = (Distance(), Bootstrap(block_m=5.0, resamples=40))

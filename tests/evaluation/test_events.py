@@ -1,5 +1,4 @@
-"""Tests of the distance of queries to changes of the world, and of the results in bands of that
-distance."""
+"""Tests of the distance of queries to changes of the world, and of results in its bands."""
 
 from dataclasses import replace
 

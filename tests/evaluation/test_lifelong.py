@@ -25,8 +25,7 @@ COURSE = Course(
 
 
 def artifact(path: Path, order: str, steps: list[str]) -> store.Artifact:
-    """An artifact in which, by distance, the third query is right after every step, the first
-    never."""
+    """An artifact: by distance, the third query is right after every step, the first never."""
     error_m = np.where(RIGHT, 15.0, 15.1)
     error_m[:, 2] = 3.0
     error_m[:, 0] = 99.0

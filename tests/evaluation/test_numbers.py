@@ -79,7 +79,7 @@ def test_the_numbers_of_six_queries_by_hand() -> None:
     assert result["precision_at_threshold"] == 1 / 2
 
 
-def test_poses_are_held_against_both_measures_and_the_target_precision() -> None:
+def test_poses_are_judged_by_both_measures_and_the_target_precision() -> None:
     result = values_by_name()
     assert result["within_2m_5deg"] == 3 / 4  # seen are 0, 1, 2, 4; 1 is 3 m off
     assert result["within_05m_2deg"] == 2 / 4

@@ -1,5 +1,4 @@
-"""Tests of which queries are seen and which answers are right: by the SCI paper's cells and by
-distance."""
+"""Tests of which queries are seen and which answers are right, by cells and by distance."""
 
 import numpy as np
 import pytest

@@ -55,8 +55,7 @@ PARTS = [f"{part}_ms{end}" for part in ("generation", "retrieval", "query") for 
 def drive(
     folder: Path, sequence: str, submaps: int, sweeps: int = 1
 ) -> tuple[store.Artifact, store.Artifact]:
-    """Scans two metres apart along x, and submaps of one or more of them; scan i has 200 + i
-    points."""
+    """Scans two metres apart along x, and submaps of one or more; scan i has 200 + i points."""
     scans = submaps + sweeps - 1
     lengths = 200 + np.arange(submaps + sweeps - 1)
     points_m = np.random.default_rng(1).normal(0, (9, 5, 2), (lengths.sum(), 3))

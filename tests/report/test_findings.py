@@ -78,7 +78,7 @@ def test_the_answer_names_the_best_model_by_distance_and_how_the_others_fare(
     assert sentence(three_others) == snapshot(name="several others than the next")
 
 
-def test_the_answer_says_what_the_threshold_keeps(
+def test_the_answer_says_what_the_threshold_reaches(
     study: StudyResults, snapshot: SnapshotAssertion
 ) -> None:
     answers_nothing = numbered(
@@ -92,9 +92,9 @@ def test_the_answer_says_what_the_threshold_keeps(
     assert sentence(finding) == snapshot(name="nothing is answered")
     result = numbered("sci", 20, recall_at_1=(0.5, 0.9))
     validation_precision = {("distance", "validation_precision"): (0.731, NAN, NAN)}
-    keeps_less = replace(result, rows=rows_of(result.numbers | validation_precision))
-    finding = findings.answer(reporting(study, [keeps_less]))
-    assert sentence(finding) == snapshot(name="less precision than wanted is kept")
+    misses_target = replace(result, rows=rows_of(result.numbers | validation_precision))
+    finding = findings.answer(reporting(study, [misses_target]))
+    assert sentence(finding) == snapshot(name="the target precision is missed")
 
 
 def test_a_share_that_is_not_known_is_a_dash() -> None:
@@ -104,7 +104,7 @@ def test_a_share_that_is_not_known_is_a_dash() -> None:
 def test_caveats_are_said_once_where_both_protocols_share_them(
     study: StudyResults, snapshot: SnapshotAssertion
 ) -> None:
-    def doubted(model: str, sequence: int, **caveats: tuple[float, float]) -> Result:
+    def result_with(model: str, sequence: int, **caveats: tuple[float, float]) -> Result:
         result = numbered(model, 20, blind_recall_at_1=(0.2, 0.75), **caveats)
         numbers = {
             key: values
@@ -114,16 +114,16 @@ def test_caveats_are_said_once_where_both_protocols_share_them(
         about = {"sequence": DAYS[sequence], "days": DAYS_AFTER[sequence]}
         return replace(result, rows=rows_of(numbers), **about)
 
-    keeps_less = doubted("a", 0, caveat_less_precise=(0.731, 0.731))
-    (caveat,) = findings.caveats(reporting(study, [keeps_less]))
-    assert sentence(caveat) == snapshot(name="less precision than wanted is kept")
-    degenerate_by_distance = doubted("b", 0, degenerate=(NAN, 1.0))
+    misses_target = result_with("a", 0, caveat_less_precise=(0.731, 0.731))
+    (caveat,) = findings.caveats(reporting(study, [misses_target]))
+    assert sentence(caveat) == snapshot(name="the target precision is missed")
+    degenerate_by_distance = result_with("b", 0, degenerate=(NAN, 1.0))
     del degenerate_by_distance.numbers["cells", DEGENERATE]
     results = [
-        doubted("sci", 0),
-        doubted("a", 0, caveat_one_answer=(0.8, 0.8), caveat_no_threshold=(1, 1)),
+        result_with("sci", 0),
+        result_with("a", 0, caveat_one_answer=(0.8, 0.8), caveat_no_threshold=(1, 1)),
         degenerate_by_distance,
-        doubted("b", 1),
+        result_with("b", 1),
     ]
     caveats = findings.caveats(reporting(study, results))
     assert [sentence(caveat) for caveat in caveats] == snapshot(name="by both, and by distance")
@@ -243,7 +243,7 @@ def test_newer_says_to_which_models_seen_places_look_newer(snapshot: SnapshotAss
         assert sentence(finding) == snapshot(name=name)
 
 
-def test_slopes_are_counted_with_what_chance_would_give(snapshot: SnapshotAssertion) -> None:
+def test_slopes_are_counted_with_the_number_expected_by_chance(snapshot: SnapshotAssertion) -> None:
     rows = slopes({"sci": (3.0, 1.0, 5.0), "m2dp": (1.0, -1.0, 3.0)}, "novelty_percentile")
     oracle_row = row("recall_at_1_same_heading_per_100_days", "cells", -0.01, -0.02, 0.0)
     oracle = table([{"method": "oracle"} | oracle_row])
@@ -254,7 +254,7 @@ def test_slopes_are_counted_with_what_chance_would_give(snapshot: SnapshotAssert
     )
     assert finding.values["worse"] == 2
     assert finding.values["number"] == 4
-    assert finding.values["chance"] == pytest.approx(0.1)
+    assert finding.values["by_chance"] == pytest.approx(0.1)
     assert sentence(finding) == snapshot(name="two of four")
     too_few = findings.slopes_counted(slopes({"sci": (1.0, NAN, NAN)}), [("distance", "auroc")])
     assert sentence(too_few) == snapshot(name="too few days")
@@ -373,14 +373,16 @@ def test_who_is_nearly_always_right_and_how_far_headings_are_off(
     assert sentence(findings.heading_errors(right, removed)) == snapshot(name="two headings")
     headless = compared({("sci", removed): [[[NAN]]]}, {})
     assert sentence(findings.heading_errors(headless, removed)) == snapshot(name="no heading")
-    assert sentence(findings.chance(right, removed)) == ""
+    assert sentence(findings.variation(right, removed)) == ""
 
 
-def test_chance_is_reported_by_repeats_seeds_and_sequences(snapshot: SnapshotAssertion) -> None:
-    chance = findings.chance(COMPARED, TURNED)
-    names = [entry["name"] for entry in chance.values["deviations"]]
+def test_random_variation_is_reported_by_repeats_seeds_and_sequences(
+    snapshot: SnapshotAssertion,
+) -> None:
+    variation = findings.variation(COMPARED, TURNED)
+    names = [entry["name"] for entry in variation.values["deviations"]]
     assert names == ["repeat", "seed", "sequence"]
-    assert sentence(chance) == snapshot
+    assert sentence(variation) == snapshot
 
 
 def test_shadows_of_walls_and_the_best_on_each_day(snapshot: SnapshotAssertion) -> None:
@@ -405,18 +407,18 @@ def ways(turned: Mapping[str, float], driven: Mapping[str, float], sequences: in
 @pytest.mark.parametrize(
     ("four", "eight", "unperturbed", "sequences", "verdict"),
     [
-        (0.79, 0.8, 0.8, 2, "both show here"),
-        (0.69, 0.7, 0.7, 2, "the first shows here, the second does not"),
-        (0.7, 0.8, 0.8, 2, "the second shows here, the first does not"),  # 88 % alone are kept
+        (0.79, 0.8, 0.8, 2, "both hold here"),
+        (0.69, 0.7, 0.7, 2, "the first holds here, the second does not"),
+        (0.7, 0.8, 0.8, 2, "the second holds here, the first does not"),  # 88 % alone are kept
         (
             0.77,
             0.9,
             0.8,
             2,
-            "the second shows here, the first does not",
+            "the second holds here, the first does not",
         ),  # eight ways clearly add to the 96 %
-        (0.5, 0.6, 0.7, 2, "neither shows here"),
-        (0.79, 0.8, 0.8, 1, "one sequence does not decide it"),
+        (0.5, 0.6, 0.7, 2, "neither holds here"),
+        (0.79, 0.8, 0.8, 1, "one sequence is too few to decide this"),
     ],
 )
 def test_four_ways_suffice_or_not(
@@ -424,21 +426,18 @@ def test_four_ways_suffice_or_not(
 ) -> None:
     driven = {"sci": 0.8, "sci-4way": unperturbed, "sci-8way": 0.8}
     text = sentence(ways({"sci": 0.3, "sci-4way": four, "sci-8way": eight}, driven, sequences))
-    assert (
-        f"and keeps normal performance: {verdict}. Turned, it keeps {four / unperturbed:.0%}".replace(
-            "%", " %"
-        )
-        in text
-    )
+    assert f"and keeps normal performance: {verdict}. Turned, 4-way training keeps" in text
+    kept_percent = f"{four / unperturbed:.0%}".replace("%", " %")
+    assert f"keeps {kept_percent} of its AUC" in text
     assert text.endswith(
-        f"1-way 0.300 of 0.800, 4-way {four:.3f} of {unperturbed:.3f}, 8-way {eight:.3f} of 0.800."
+        f"1-way 0.300 and 0.800, 4-way {four:.3f} and {unperturbed:.3f}, 8-way {eight:.3f} and 0.800."
     )
-    assert "more ways add: 8-way" in text
-    assert "unperturbed, against fewer ways: 1-way" in text
+    assert "more headings add" in text
+    assert "unperturbed, its difference to fewer headings is" in text
 
 
 def test_four_ways_are_not_tested_without_others() -> None:
-    assert "this study does not test it" in sentence(ways({"sci": 0.3}, {"sci": 0.8}))
+    assert "this study cannot test this" in sentence(ways({"sci": 0.3}, {"sci": 0.8}))
 
 
 def test_a_section_says_what_it_rests_on(study: StudyResults, snapshot: SnapshotAssertion) -> None:

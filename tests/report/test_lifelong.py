@@ -74,7 +74,7 @@ def test_a_row_a_model_and_strategy_with_both_protocols_and_what_a_step_costs(
     ]
 
 
-def test_days_that_nobody_surveyed_have_counts_and_each_queried_day_before_and_after(
+def test_days_without_reference_poses_have_counts_and_each_queried_day_before_and_after(
     every: list[Strategy],
 ) -> None:
     self_training = [one for one in every if one.order == "self_training"]
@@ -96,12 +96,14 @@ def test_findings_say_by_how_much_and_over_how_many_seeds(
     every: list[Strategy], snapshot: SnapshotAssertion
 ) -> None:
     forgets, below, regained = findings(every)
-    listed = [(one["order"], one["apart"], one["seeds"]) for one in forgets.values["listed"]]
-    assert listed == [("days", pytest.approx(-0.375), 2)]  # −.25 of growth, against .25 and 0
-    assert [(one["own"], one["reference"], one["apart"]) for one in below.values["listed"]] == [
-        (1.0, 1.0, 0.0)
-    ]
-    assert sentence(forgets) == snapshot(name="what growth forgets")
+    listed = [(one["order"], one["difference"], one["seeds"]) for one in forgets.values["listed"]]
+    assert listed == [
+        ("days", pytest.approx(-0.375), 2)
+    ]  # −.25 of incremental learning, against .25 and 0
+    assert [
+        (one["own"], one["reference"], one["difference"]) for one in below.values["listed"]
+    ] == [(1.0, 1.0, 0.0)]
+    assert sentence(forgets) == snapshot(name="what incremental learning forgets")
     assert sentence(below) == snapshot(name="how far below the joint model it is")
     assert sentence(regained) == snapshot(name="what a site regains by itself")
     assert findings([one for one in every if one.model == "sad"]) == []
@@ -126,7 +128,7 @@ def test_the_report_and_the_page_are_whole(
     ]
     prose = re.sub(r"^(\||!\[|- `|Sources).*", "", text, flags=re.MULTILINE)
     assert not re.findall(r"\bnan\b|None|\{|\}|\[|\S  +\S| [,;.:] |\.\.|\(\)|``|−0\.000", prose)
-    assert "asked about 2 other days after each" in " ".join(text.split())
+    assert "queried on 2 other days after each" in " ".join(text.split())
     shown = set(re.findall(r"!\[[^]]*\]\(([^)]*)\)", text))
     assert shown == {path.name for path in folder.glob("*.svg")}
     assert shown == {one["file"] for one in json.loads((folder / report.MANIFEST).read_text())}

@@ -227,12 +227,12 @@ def test_the_first_screen_says_where_poses_are_left_out(given: StudyResults) -> 
     one = front(given)
     with_poses = [replace(result, model="sci-pose") for result in one["best"]]
     text = render.words("front", "recall", **{**one, "best": with_poses, "one": one})
-    assert "Compared without poses, as no baseline has others: `sci` 80 % → 60 %." in text
+    assert "Baselines have no poses, so `sci` is compared: 80 % → 60 %." in text
     assert "The best baseline, `m2dp`: 40 % → 20 %." in text
 
 
 def test_a_study_that_changed_since_it_was_measured_is_named(given: StudyResults) -> None:
-    says = "was changed in conf/studies.yaml after this was measured"
+    says = "was changed in conf/studies.yaml after it was measured"
     assert says in html(entries(given), LOCK, ["campus"])
     assert says not in html(entries(given), LOCK, ["town"])
 
@@ -256,7 +256,10 @@ def test_a_dot_of_a_chart_names_its_result_and_opens_it(page: str) -> None:
     dot = '<g id="campus-10m-year-sci-2012-06-15" data-model="sci" data-day="2012-06-15">'
     assert f"{dot}<title>sci, 2012-06-15, +152 d: 60 % right</title>" in first
     assert first.count('<g id="campus-10m-year-') == 4  # of two models on two days
-    assert "<title>sci, at its own threshold: answers 71.4 %, 40 % of them right; it keeps" in page
+    assert (
+        "<title>sci, at its own threshold: answers 71.4 % of the queries, 40 % of them right; on"
+        in page
+    )
 
 
 def test_the_page_shows_what_it_is_given_and_says_what_is_missing(
@@ -306,7 +309,7 @@ def test_a_picture_holds_every_view_as_quantized() -> None:
         assert (rounded.min(), rounded.max()) == (0, wide - 1)  # upwards: nothing seen is lost
 
 
-def test_views_are_rolled_to_where_they_look_most_alike() -> None:
+def test_views_are_rolled_to_look_most_similar() -> None:
     images = heights(4)
     by = [0, 7, 60, 119]
     turned = np.stack(
@@ -332,8 +335,7 @@ def test_numbers_are_packed_in_steps_and_none_is_the_lowest() -> None:
 def moved(
     study: StudyResults, query: int, answer_xy_m: np.ndarray, path_xy_m: np.ndarray
 ) -> StudyResults:
-    """The study with another training path, and another answer of sci to a query of the first
-    day."""
+    """The study with another training path, and another answer of sci to one query of day 1."""
     results = list(study.results)
     i = next(i for i, result in enumerate(results) if result.model == "sci")
     evaluation = results[i].evaluation
@@ -411,7 +413,7 @@ def test_a_browser_sorts_tables_and_shows_a_query_beside_its_match(
             "Query 5 of 7",  # the first accepted one from the middle on
             "accepted, and right: within 15 m",
             "1.0 m from query to answer",
-            "Laid where the answer says, 1.0 m off (its true heading): accepted",
+            "Placed where the answer says, 1.0 m off (its true heading): accepted",
         ],
         "by distance": [
             "right, accepted 2",

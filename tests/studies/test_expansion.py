@@ -175,7 +175,7 @@ def test_robustness_adds_sequences_cells_variants_and_perturbations() -> None:
         lists["rankings"][f"one-{name}"] for name in ("10m-sci", "10m-sci-seed1", "20m-sci")
     )
     assert (own["tests"], own["perturbations"]) == ("d x", "turned construction")
-    # walls are asked about of the method's own model
+    # only the method's own model gets queries with new walls
     assert (seed["tests"], seed["perturbations"]) == ("d x", "turned")
     assert (further["tests"], further["perturbations"]) == ("d", "")
     assert list(lists["perturbed"]) == [

@@ -113,7 +113,7 @@ def test_logs_without_poses_need_slam_and_parts_by_time() -> None:
     refuse_unposed(PLAIN, {"ground_truth": "/odom"})
     refuse_unposed(replace(PLAIN, slam=True), without)
     refuse_unposed(replace(PLAIN, slam=True, tests=("a+time2of2",)), without)
-    with pytest.raises(ConfigError, match=r"a\+path2of2: a part by path"):
+    with pytest.raises(ConfigError, match=r"a\+path2of2: a split by path"):
         refuse_unposed(replace(PLAIN, slam=True, tests=("a+path2of2",)), without)
 
 

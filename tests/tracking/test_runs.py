@@ -161,7 +161,9 @@ def test_what_people_added_goes_over_to_the_run_that_replaces_theirs(own: Experi
         ("2012-02-04", "mlflow.note.content", "snow"),
     ):
         own.client.set_tag(own.runs[name].info.run_id, tag, value)
-    assert own.publish(replace(own.record(), about="Told better")).kept == 2  # no number changed
+    assert (
+        own.publish(replace(own.record(), about="Described better")).kept == 2
+    )  # no number changed
     assert own.publish(replace(own.record(auc=0.7), about="Another")).written == 2
     sci = own.runs["sci"].data.tags
     day = own.runs["2012-02-04"].data.tags
@@ -169,7 +171,7 @@ def test_what_people_added_goes_over_to_the_run_that_replaces_theirs(own: Experi
     assert (day["mine"], day["mlflow.note.content"]) == ("2", "snow")
 
 
-def test_a_run_that_was_cut_off_is_written_anew(own: Experiment) -> None:
+def test_a_run_that_was_cut_off_is_written_again(own: Experiment) -> None:
     own.publish(own.record())
     own.client.delete_run(own.runs["2012-02-04"].info.run_id)
     assert own.publish(own.record()).written == 2
@@ -412,7 +414,7 @@ def test_a_logged_model_answers_again_and_holds_its_code_and_no_pickle(
     assert "float32 (query, 4, 12)" in own.model.tags["mlflow.note.content"]
 
 
-def test_a_model_is_logged_once_and_anew_where_it_changed_or_somebody_deleted_it(
+def test_a_model_is_logged_once_and_again_where_it_changed_or_somebody_deleted_it(
     own: Experiment, tiny: Any
 ) -> None:
     own.publish(tiny(5))

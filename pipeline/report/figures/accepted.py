@@ -1,6 +1,6 @@
 """One test day of a model: where it placed each scan, and whether that was accepted.
 
-In: a study, a model and a test sequence. Out: a `AcceptedDrive`, which the moving picture shows.
+In: a study, a model and a test sequence. Out: an `AcceptedDrive`, which the moving picture shows.
 """
 
 from collections.abc import Callable
@@ -33,9 +33,7 @@ class AcceptedDrive:
     days: int  # whole days from training to test; negative if the test day is earlier
     simulated: bool
     posed: bool  # whether the answers are poses; else they are places
-    target_precision: (
-        float | None
-    )  # the target precision of what is accepted; None if none can be reached
+    target_precision: float | None  # at which poses are accepted; None if none can be reached
     map_m: NDArray[np.float64]  # (n, 3) what stood there at training, in the world
     world_T_true: Poses  # (q, 4, 4)
     world_T_query: Poses  # (q, 4, 4) NaN where there is no pose
@@ -48,11 +46,11 @@ class AcceptedDrive:
     def of(
         cls, study: StudyResults, model: str, sequence: str, judged_precision: float = 0.99
     ) -> Self:
-        """Read what a model answered on one test day, at the highest target precision up to the
-        wanted one.
+        """Read what a model answered on one test day.
 
-        A model without poses lays a scan at the place that it names, with the true heading. Raises
-        ArtifactError if an artifact is not built.
+        Poses are accepted at the highest target precision up to `judged_precision`. A model without
+        poses puts a scan at the place that it names, with the true heading. Raises ArtifactError if
+        an artifact is not built.
         """
         scans = study.drive(sequence)
         world_T_true = scans.world_T_anchor
@@ -124,12 +122,11 @@ class AcceptedDrive:
 def verdicts(
     fixes: schemas.Fixes, count: int, judged_precision: float
 ) -> tuple[Poses, NDArray[np.bool_], float | None]:
-    """The poses (count, 4, 4) of unperturbed queries, which are accepted (count,), and the target
-    precision.
+    """The poses (count, 4, 4) of unperturbed queries, and which poses are accepted (count,).
 
-    The target precision is the highest one up to the wanted one that can be reached. A pose is
-    accepted at its threshold; if none can be reached, no pose is accepted. Raises ArtifactError if
-    there are not so many poses.
+    Also returns the target precision: the highest up to `judged_precision` that has a threshold. If
+    none has, no pose is accepted, and it is None. Raises ArtifactError if there are not so many
+    poses.
     """
     rows = unperturbed(fixes, count)
     world_T_query = fixes.load("world_T_query")[rows]

@@ -1,7 +1,7 @@
 """The moving picture of one test day in 3-D: the robot seen from behind, driving through its map.
 
-The map is grey. Each scan lies on it where it was registered, in the colour of its verdict. A dot
-stays where the robot was, and the count of accepted, wrong and refused poses runs along.
+The map is grey. Each scan is drawn where it was registered, in the colour of its verdict. A dot
+stays where the robot was, and a count of accepted, wrong and refused poses is shown.
 """
 
 from collections.abc import Sequence
@@ -175,9 +175,9 @@ def _words(
     draw: ImageDraw.ImageDraw, drive: AcceptedDrive, query: int, counts: Sequence[int]
 ) -> None:
     """Write the days, the target precision, the counts so far, and the verdict on this scan."""
-    target_precision = "at its own threshold"
+    acceptance = "at its own threshold"
     if drive.posed:
-        target_precision = (
+        acceptance = (
             f"target precision {drive.target_precision:g}"
             if drive.target_precision
             else "no target precision can be reached"
@@ -191,7 +191,7 @@ def _words(
     draw.rectangle((0, HEIGHT_PX - 78, 385, HEIGHT_PX), fill="#FFFFFF")
     for x, y, text, ink, size_px, is_bold in (
         (14, 8, drive.title, INK, TEXT_PX + 2, True),
-        (14, 30, f"{drive.where}, {drive.model}, {target_precision}", GREY, TEXT_PX - 2, False),
+        (14, 30, f"{drive.where}, {drive.model}, {acceptance}", GREY, TEXT_PX - 2, False),
         (right, 8, data, GREY, TEXT_PX, False),
         (right, 29, verdict, verdict_ink, TEXT_PX, True),
         (14, low, f"{accepted} accepted", ACCEPTED, TEXT_PX + 2, True),

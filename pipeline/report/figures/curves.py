@@ -40,7 +40,7 @@ VALIDATION = "validation_"  # how the name of a training curve on validation blo
 SHARE_ENDINGS = ("accuracy", "recall")  # curves whose names end so lie between 0 and 1
 # The panels of `year`.
 OVER_THE_YEAR = (AUC, RECALL, RECALL_BY_DISTANCE)
-FIGURE_8 = (AUC, AUC_5, AUC_25)  # the panels of Fig. 8 of the SCI paper.
+FIGURE_8 = (AUC, AUC_5, AUC_25)  # the panels of Fig. 8 of the SCI paper
 
 
 @styled
@@ -193,7 +193,7 @@ def history(curves: Mapping[str, NDArray[np.float64]], best: int | None, model: 
     )
     for axis, name in panels:
         shape = "o" if len(rounds) < 3 else ""
-        tints = {name: ("training", "0.6"), VALIDATION + name: ("held out", colour(model))}
+        tints = {name: ("training", "0.6"), VALIDATION + name: ("validation", colour(model))}
         drawn = [
             Line(label, rounds, curves[key], {"color": tint, "marker": shape})
             for key, (label, tint) in tints.items()

@@ -1,7 +1,7 @@
 """The moving picture of a drive with a level laser: the plan of a building, and the robot in it.
 
-Walls are dark, and known free space is white. Each sweep lies where its fix (a pose and a verdict
-on it) lays it, in the colour of its verdict. A ring shows where the robot was by the log, and
+Walls are dark, and known free space is white. Each sweep is drawn at its fix (a pose and a verdict
+on it), in the colour of the verdict. A ring shows where the robot was according to the log, and
 accepted poses leave a dot.
 """
 
@@ -31,8 +31,8 @@ MARGIN_M = 1.0  # around what is known of the building
 UNKNOWN = "#E4E4E4"
 FREE = "#FFFFFF"
 WALL = "#4A4A4A"
-WALL_SHARE = 0.15  # a pixel is drawn as a wall from this share of it on
-ROBOT_M = 1.0  # least length of the robot's arrow, which can be seen so
+WALL_SHARE = 0.15  # a pixel with at least this share of wall is drawn as a wall
+ROBOT_M = 1.0  # least length of the robot's arrow, so that it can be seen
 ROBOT_PX = 15.0
 
 

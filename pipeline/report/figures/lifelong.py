@@ -1,7 +1,7 @@
 """Draws the learning of further days: recall after each step, and since when places are known.
 
 A model learns one day (or one part of a day) a step, by one of several strategies and in one of
-several orders; after each step the same days are asked.
+several orders; after each step the same days are queried.
 """
 
 import math
@@ -52,8 +52,8 @@ def matrices(
 ) -> Figure:
     """Recall (step, group) of each strategy, with a number in each cell.
 
-    A group is an queried day or a part of the site. Recall is NaN where no place of it is known
-    yet.
+    A group is a queried day or a part of the site. Recall is NaN where no place of the group is
+    known yet.
     """
     fig, panels = facets(
         [*recalls.items()],

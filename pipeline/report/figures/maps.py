@@ -22,7 +22,7 @@ from pipeline.report.result import Result, by_model, by_sequence
 from pipeline.studies.colours import colour
 
 # Name, colour and marker of the three kinds of first answers: right; wrong though training was
-# there; and given where training never was. RIGHT, WRONG and UNSEEN are their places in it.
+# there; and given where training never was. RIGHT, WRONG and UNSEEN are their indices.
 ANSWERS = (("right", "#0072B2", "o"), ("wrong", "#C8400A", "X"), ("unseen", "#3A3A3A", "s"))
 RIGHT, WRONG, UNSEEN = range(3)
 REJECTED = 0.25  # opacity of what the model rejects at its own threshold
@@ -51,7 +51,7 @@ def outcome_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
 def fix_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
     """The queries of one test sequence by whether their poses are right.
 
-    A pose that was not accepted with a target precision of .99 is faint.
+    A pose that is not accepted at the target precision .99 is faint.
     """
     accepted = result.evaluation.pose_accepted
     right = result.evaluation.pose_right

@@ -1,7 +1,7 @@
 """Fig. 7 of the SCI paper: queries beside the training images that they were matched with.
 
-`choose` picks a model's examples: right answers over the year, and wrong ones of each kind, which
-are those of least novelty, so that the model was surest of them. `matches` draws them, a row each.
+`choose` picks a model's examples: right answers over the year, and of each kind of wrong answers
+those of least novelty, of which the model was surest. `matches` draws them, a row each.
 """
 
 from collections.abc import Callable, Sequence
@@ -93,11 +93,11 @@ def _right(group: Sequence[Result]) -> list[Example]:
         outwards = sorted(range(len(right_answers)), key=lambda i: abs(i - middle))
         far = (right_answers[i] for i in outwards if right_answers[i].is_far_from(chosen))
         chosen.append(next(far, right_answers[middle]))
-    for hit in _surest(group, "right"):
-        is_turned = abs(hit.result.evaluation.turn_deg[hit.query]) > TURNED_DEG
-        is_new = all(hit.result is not e.result or hit.query != e.query for e in chosen)
+    for right in _surest(group, "right"):
+        is_turned = abs(right.result.evaluation.turn_deg[right.query]) > TURNED_DEG
+        is_new = all(right.result is not e.result or right.query != e.query for e in chosen)
         if is_turned and is_new:
-            return [*chosen, hit]
+            return [*chosen, right]
     return chosen
 
 

@@ -19,7 +19,7 @@ from pipeline.report.figures.style import MARK, QUIET, VEIL, WIDTH_IN, figure, f
 
 WRONG_RED = "#B2182B"  # red, of what is wrong
 SMALLEST_AREA = 4.0  # square points of the marker of a bin that few queries are in
-EVEN_AREA = 12.0  # square points of markers that are all similar
+EVEN_AREA = 12.0  # square points of markers that all have one size
 LINE_IN = 0.125  # height of a line of text
 SLANTED: Any = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}  # names below an axis
 BAND = 0.4  # opacity of the bands of all lines together
@@ -192,11 +192,10 @@ def in_corner(
 
 
 def calibration(axis: Axes, bins: Reliability, tint: str, whole_area: float = 0.0) -> None:
-    """Draw the share of right answers over their probability, and by how much each bin is off, in
-    red.
+    """Draw the share of right answers over their probability, with each bin's error in red.
 
     The area of a marker is `whole_area`, in square points, times the bin's share of the queries; if
-    that is 0, all markers are similar.
+    `whole_area` is 0, all markers have one size.
     """
     has_queries = bins.count > 0
     probability = bins.confidence[has_queries]

@@ -110,7 +110,7 @@ def rejection(group: Sequence[Result]) -> Figure:
     """Precision and recall of a model at the threshold of each kind of novelty.
 
     Thresholds were chosen on validation blocks of training, for a target precision that a kind may
-    not have kept there.
+    not have reached there.
     """
     kinds = group[0].evaluation.kinds[: len(KINDS)]
     wanted = group[0].target_precision
@@ -161,7 +161,7 @@ def confidences(results: Sequence[Result]) -> list[tuple[str, Reliability, float
     right = np.concatenate([(e.cells.true_rank == 0)[e.cells.seen] for e in evaluations])
     raw = np.concatenate([1.0 - e.cost[e.cells.seen] for e in evaluations])
     scaled = np.concatenate([e.confidence[e.cells.seen] for e in evaluations])
-    # without a confidence a cost is a distance, and no chance
+    # a method without a confidence has distances as costs, not probabilities
     if not len(right) or not probabilities(scaled):
         return []
     return [

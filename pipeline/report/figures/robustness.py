@@ -1,6 +1,6 @@
-"""Fig. 9 to 11 of the SCI paper: numbers of unperturbed queries and perturbed.
+"""Fig. 9 to 11 of the SCI paper: numbers of unperturbed and perturbed queries.
 
-`kinds` draws kinds of query beside each other and `sequences` those of stress; `levels` draws over
+`kinds` draws kinds of query beside each other and `sequences` stress sequences; `levels` draws over
 the level of a change, `ways` over the number of headings that training turned scans to (N-way), and
 `cells` over the side of a cell.
 """
@@ -71,7 +71,7 @@ def kinds(
     for axis, measure in zip(axes, measures, strict=True):
         for i, kind in enumerate(drawn):
             if measure.relative and not i:
-                continue  # unperturbed nothing is lost
+                continue  # relative to themselves, unperturbed queries lose nothing
             numbers = [comparison.measurement(model, kind, measure) for model in models]
             _rows(axis, models, numbers, MARKERS[i % len(MARKERS)], i > 0, lifts[i])
         if len(drawn) == 2 and not measure.relative:

@@ -1,5 +1,4 @@
-"""What a verdict on poses is worth: the error of each pose over its novelty, its probability,
-failures.
+"""How good verdicts on poses are: errors over novelty, calibration, and failures.
 
 In: the results of one model with poses on the test sequences. A pose is accepted if its novelty is
 below a threshold that was chosen for a target precision of .99 on validation blocks of training.

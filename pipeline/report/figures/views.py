@@ -35,8 +35,7 @@ NODE_LEVELS = 2  # the panel of nodes in `bird_view` shows those so many levels 
 def perturbed(
     points_m: NDArray[np.floating], perturbation: Perturbation, stamp_ns: int
 ) -> Mapping[str, NDArray[np.floating]]:
-    """The cloud (n, 3) unperturbed, and perturbed in each case of a perturbation, by the case's
-    text."""
+    """The cloud (n, 3) in each case of a perturbation, and unperturbed, by the case's text."""
     clouds = {}
     for case in perturbation.cases:
         if case == Case():  # which perturbs nothing

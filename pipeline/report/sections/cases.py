@@ -1,8 +1,8 @@
 """The sections of a study of robustness: perturbed queries, stress, real changes and cell sizes.
 
-In: a study. Out: a section for each perturbation that was asked (turned queries, directions
-removed, new walls), one on sequences of stress, one on buildings that went up or came down, and one
-on the cell size, each with its figures drawn (Fig. 9 to 11 of the SCI paper).
+In: a study. Out: a section for each perturbation of its queries (turned queries, directions
+removed, new walls), one on stress sequences, one on buildings that went up or came down, and one on
+the cell size, each with its figures drawn (Fig. 9 to 11 of the SCI paper).
 """
 
 from collections.abc import Iterator, Sequence
@@ -134,7 +134,7 @@ def _turned(
                 findings.kept(comparison, kind),
                 findings.nearly_always(comparison, kind),
                 findings.heading_errors(comparison, kind),
-                findings.chance(comparison, kind),
+                findings.variation(comparison, kind),
             ),
             draw("ways", n_way_figure),
         ],
@@ -159,7 +159,7 @@ def _structure(
         findings.kept(comparison, worst),
         *findings.shadows(comparison),
         findings.nearly_always(comparison, worst),
-        findings.chance(comparison, worst),
+        findings.variation(comparison, worst),
         name=perturbation,
         perturbation=perturbation,
     )
@@ -204,7 +204,7 @@ def _glance(
 
 
 def _stress(study: StudyResults, folder: Path, comparison: Comparison) -> Section:
-    """Sequences that are hard unperturbed."""
+    """Stress sequences, which are hard without a perturbation."""
     titles = {name: f"{day(name)}, {study.settings.stress[name]}" for name in comparison.sequences}
     illustration = illustrate(
         study,
@@ -212,7 +212,7 @@ def _stress(study: StudyResults, folder: Path, comparison: Comparison) -> Sectio
         "stress",
         robustness.sequences(comparison, titles, f"Sequences of stress, {study.name}"),
         findings.nearly_always(comparison, Kind()),
-        findings.chance(comparison, Kind()),
+        findings.variation(comparison, Kind()),
     )
     return _compared(
         study,
@@ -269,11 +269,11 @@ def _cells(study: StudyResults, folder: Path) -> Section:
     grids = sorted(sides_m, key=sides_m.__getitem__)
     sizes_m = [sides_m[grid] for grid in grids]
     methods = [method.name for method in study.settings.methods]
-    driven = pick(study.table, ask=UNPERTURBED, variant="", seed=0)
-    driven = driven[driven["sequence"] != ""]
+    unperturbed = pick(study.table, ask=UNPERTURBED, variant="", seed=0)
+    unperturbed = unperturbed[unperturbed["sequence"] != ""]
     by_grid = {
         key: group.dropna().to_numpy()  # (sequence,)
-        for key, group in driven.groupby(["method", "protocol", "number", "grid"])["value"]
+        for key, group in unperturbed.groupby(["method", "protocol", "number", "grid"])["value"]
     }
     panels: dict[tuple[str, str, str], list[NDArray[np.float64]]] = {}
     over_sizes = []  # for each panel: model to values at each size, title, sizes

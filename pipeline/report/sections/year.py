@@ -34,7 +34,7 @@ from pipeline.report.study import StudyResults
 from pipeline.report.tables import DISTANCE_FIRST, MAIN_NUMBERS
 from pipeline.views.scan_context import ScanContext
 
-# The kinds of figure that the page shows; those that show one model it shows of the best one.
+# The kinds of figure that the page shows; a figure of one model is shown of the best model only.
 ON_PAGE = (
     "year",
     "year_auc",
@@ -225,7 +225,7 @@ def _matches(study: StudyResults, model: str, chosen: list[matches.Example]) -> 
 
 def _ageing(study: StudyResults, folder: Path, sources: list[str]) -> Section:
     """Whether methods recognise their places less well with the days, and when to train again."""
-    rows = pick(study.driven, variant="")
+    rows = pick(study.unperturbed, variant="")
     last_day = max(result.days for result in study.results)
     followed = [
         ageing.FollowedNumber(protocol, number, LINES[number].format(protocol))

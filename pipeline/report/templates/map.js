@@ -13,7 +13,7 @@
     const array = new TYPES[value.dtype](bytes(value.base64).buffer);
     return value.step ? Float32Array.from(array, (steps) => steps === value.missing ? NaN : steps * value.step) : array;
   };
-  const read = async (id) => { // the data of a study, which lie packed in the page
+  const read = async (id) => { // the data of a study, packed in the page
     const stream = new Blob([bytes(document.getElementById(id).textContent)]).stream().pipeThrough(new DecompressionStream("deflate"));
     return JSON.parse(await new Response(stream).text(), revive);
   };
@@ -28,12 +28,12 @@
     return images.get(sheet);
   };
 
-  async function chooseStudy(article) { // it opens on an answer of the last day that was accepted
+  async function chooseStudy(article) { // opens on an accepted answer of the last day
     const name = article.dataset.chart;
     if (!name) return;
     if (!studies.has(name)) studies.set(name, read(name));
     const chart = await studies.get(name);
-    if (article.hidden) return; // another one was chosen meanwhile
+    if (article.hidden) return; // another study was chosen meanwhile
     article.querySelector(".slot").append(mapped);
     mapped.hidden = false;
     study = chart;
@@ -46,7 +46,7 @@
     showAll();
     openAccepted();
   }
-  function chooseModel(at = choices.sequence.value) { // and one of the days that it was tested on
+  function chooseModel(at = choices.sequence.value) { // and a day that it was tested on
     tested = study.sequences.filter(({ name }) => name in study.answers[choices.model.value]);
     choices.sequence.max = tested.length - 1;
     choices.sequence.value = Math.min(at, tested.length - 1);
@@ -68,7 +68,7 @@
     mapped.scrollIntoView({ block: "nearest" });
   }
   function colour() {
-    const by = choices.by.value, near = answers.posed && by === "accepted" ? `within ${answers.right_within[0]} m and ${answers.right_within[1]}°` : by === "cells" ? "the very cell" : `within ${study.correct_m} m`;
+    const by = choices.by.value, near = answers.posed && by === "accepted" ? `within ${answers.right_within[0]} m and ${answers.right_within[1]}°` : by === "cells" ? "in the query's grid cell" : `within ${study.correct_m} m`;
     const says = { right: near, wrong: by === "accepted" ? `not ${near}` : "seen, but placed elsewhere", unseen: "training was never there", none: by === "accepted" ? "no answer to judge" : "between seen and unseen" };
     kinds = KINDS.map((name) => ({ name: name === "none" ? "not judged" : name, colour: tone(`--${name}`), says: says[name], wrong: name === "wrong" }));
     const { code } = answers[by];
@@ -186,12 +186,12 @@
     const kind = kinds[points[i]], by = choices.by.value === "accepted" ? "distance" : choices.by.value, rank = answers[by].rank[i], seen = answers[by].code[i] % ACCEPTED < 2;
     const { threshold } = answers, novelty = answers.novelty[i];
     const limit = threshold < -1e38 ? "the model refuses everything" : threshold > 1e38 ? "the model accepts everything" : `threshold ${threshold.toPrecision(3)}`;
-    const groundTruth = degrees(day.heading[i]), given = answers.heading ? answers.heading[i] : NaN;
+    const trueHeading = degrees(day.heading[i]), given = answers.heading ? answers.heading[i] : NaN;
     return [
       ["Verdict", kind === kinds[3] ? kind.says : `${verb[accepted[i] ? 0 : 1]}, and ${kind.name}: ${kind.says}`],
       ["Error", !hasRow(answers, i) ? "the answer has no position" : `${metres(error_m(i))} from query to answer`],
       ["Novelty", `${novelty.toPrecision(3)} (${answers.kind}); ${limit}`],
-      ["Heading", isFinite(given) ? `${degrees(given)}, true ${groundTruth}, off by ${degrees(Math.abs(around(given - day.heading[i])))}` : `not given; true ${groundTruth}`],
+      ["Heading", isFinite(given) ? `${degrees(given)}, true ${trueHeading}, off by ${degrees(Math.abs(around(given - day.heading[i])))}` : `not given; true ${trueHeading}`],
       ["True place", !seen ? `unseen, by ${by}` : rank < 0 ? `not ranked, by ${by}` : `rank ${rank + 1}, by ${by}`],
       ["Training pose", `${metres(day.nearest_m[i])} away at the nearest`],
     ];
@@ -209,7 +209,7 @@
       return entry;
     }));
     get("query").replaceChildren(...(i < 0 ? [hint] : [make("h3", `Query ${i + 1} of ${points.length}`), list]));
-    const keeps = i < 0 || isKept(i) ? "" : `This page keeps what the sensor saw of ${day.kept.length} of this day's ${points.length} queries, and of this one its place.`;
+    const keeps = i < 0 || isKept(i) ? "" : `This page holds the scans of ${day.kept.length} of this day's ${points.length} queries; of this query it holds the place only.`;
     get("scans").replaceChildren(...(i < 0 ? [] : [...scans(i), make("p", keeps, { className: "quiet" })]));
     get("views").replaceChildren(...(i < 0 ? [] : views(i)));
     get("network").hidden = !day.views;
@@ -221,17 +221,17 @@
     const heading = answers.heading ? answers.heading[i] : NaN, off = placed ? metres(error_m(i)) : "";
     const taken = { xy: day.xy, heading: day.heading[i], colour: tone("--taken"), caption: placed ? "The same scan where it was taken" : "Where the scan was taken: no answer" };
     const answer = { xy: answers.xy, heading: isFinite(heading) ? heading : day.heading[i], colour: kind.wrong ? tone("--wrong") : tone("--right"),
-      caption: `Laid where the answer says, ${off} off${isFinite(heading) ? "" : " (its true heading)"}: ${verb[accepted[i] ? 0 : 1]}` };
+      caption: `Placed where the answer says, ${off} off${isFinite(heading) ? "" : " (its true heading)"}: ${verb[accepted[i] ? 0 : 1]}` };
     const shown = !placed ? [taken] : kind.wrong || error_m(i) > study.correct_m ? [answer, taken] : [answer];
     const figures = shown.map(({ xy, heading, colour, caption }) => {
       const figure = make("figure", "", { className: "scan" }), painted = make("canvas", "", { role: "img", ariaLabel: caption });
       figure.append(painted, make("figcaption", caption));
-      requestAnimationFrame(() => lay(painted, [xy[2 * i], xy[2 * i + 1]], heading, at, colour));
+      requestAnimationFrame(() => drawScan(painted, [xy[2 * i], xy[2 * i + 1]], heading, at, colour));
       return figure;
     });
     return [...figures, make("p", mapped.dataset.scan, { className: "quiet" })];
   }
-  function lay(painted, [x, y], heading, at, colour) { // north up, the robot in the middle
+  function drawScan(painted, [x, y], heading, at, colour) { // north up, the robot in the middle
     const { clientWidth: width, clientHeight: height } = painted, ratio = window.devicePixelRatio || 1, scale = height / 2 / REACH_M;
     if (!width) return;
     [painted.width, painted.height] = [Math.round(width * ratio), Math.round(height * ratio)];
@@ -267,7 +267,7 @@
     const shown = [[day.views, day.kept.indexOf(i), 0, "The query"]].filter(([, row]) => row >= 0);
     const training = ({ row, shift }, what) => shown.push([study.train, row[i], shift[i], `${what}: training's view${rolled(shift[i])}`]);
     if (hasRow(answers, i)) training(answers, "The answer");
-    if (day.row[i] !== answers.row[i] && day.nearest_m[i] <= study.correct_m) training(day, "The ground truth");
+    if (day.row[i] !== answers.row[i] && day.nearest_m[i] <= study.correct_m) training(day, "The true place");
     const figures = shown.map(([sheet, row, shift, caption]) => {
       const figure = make("figure", "", { className: "view" });
       const painted = make("canvas", "", { width: sheet.sectors, height: sheet.rings, role: "img", ariaLabel: caption });

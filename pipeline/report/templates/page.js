@@ -20,7 +20,7 @@ for (const table of document.querySelectorAll("table.sortable")) {
     body.append(...(next ? [...given].sort(compare) : given));
   }));
 }
-// One study at a time: the links above choose it, and so does a link to anything within it, whose folds open.
+// One study is shown at a time: a link above, or to anything within a study, chooses it and opens the folds around the target.
 const articles = [...document.querySelectorAll("main > article")], links = [...document.querySelectorAll("nav a")];
 const show = (article) => {
   if (!article || !article.hidden && articles.some((one) => one.hidden)) return;
@@ -36,7 +36,7 @@ const reveal = () => {
 };
 addEventListener("hashchange", reveal);
 addEventListener("DOMContentLoaded", reveal);
-// What a number or a dot is of, the map shows.
+// A click on a number or a dot shows its model and day on the map.
 addEventListener("click", ({ target }) => {
   const of = target.closest("[data-day]");
   if (of) dispatchEvent(new CustomEvent("open", { detail: of.dataset }));

@@ -1,7 +1,7 @@
 """The first screen of a study on the page: its best model, how it ages, and how others compare.
 
-In: a study that asks about the year. Out: the values that templates/page.html.j2 shows, tables and
-two charts among them.
+In: a study of the year or of robustness. Out: the values that templates/page.html.j2 shows, with
+tables and two charts among them.
 """
 
 from collections.abc import Sequence
@@ -29,8 +29,8 @@ COUNTED = ("accepted", "accepted_wrong", "refused", "refused_wrong", "no_pose_99
 def front(study: StudyResults) -> dict[str, Any]:
     """What the first screen of one study at one cell size shows.
 
-    Models that had too little training to be compared are folded away, with their share of it. The
-    best model's own method stays: with more training it would be no worse.
+    Models that had too little training to be compared are folded away, with the share that they
+    had. The best model's own method stays: with more training it would be no worse.
     """
     models = ranked(study.results)
     best = models[study.best]
@@ -47,12 +47,12 @@ def front(study: StudyResults) -> dict[str, Any]:
     return {
         "study": study,
         "best": best,
-        # a variant without its poses is no model of the report if the study is not of the year
+        # in a study that is not of the year, the report has no variants without poses
         "own": models.get(compared_model) or models[method_of(compared_model)],
         "baseline": models.get(baseline),
         "folded": folded,
         "dates": days,
-        # sums over the test days, 0 of a number that the results have not
+        # sums over the test days; 0 for a number that the results do not have
         "counted": {
             number: int(np.nansum([result.number("distance", number) for result in best]))
             for number in COUNTED
@@ -69,10 +69,11 @@ def front(study: StudyResults) -> dict[str, Any]:
 def rivals(settings: StudySettings, best: str, compared: Sequence[str]) -> tuple[str, str]:
     """The best model, and the first of the compared baselines with the same kind of answers.
 
-    Answers with poses are set against answers with poses. Where no baseline has poses, the best
-    model is taken without its own. A baseline is a method of another family: methods of one begin
-    with the same word, as `sci_ring` and `sci` do. A method with its own settings goes before its
-    variants, which are ours and count only if they have poses. Empty without a baseline.
+    Answers with poses are compared with answers with poses. If no baseline has poses, the best
+    model is compared without its poses. A baseline is a method of another family: the methods of a
+    family begin with the same word, as `sci_ring` and `sci` do. A method with its own settings goes
+    before its variants, which are ours and count only if they have poses. Empty without a
+    baseline.
     """
     named = {answerer.name: answerer for answerer in settings.answerers}
     family = method_of(best).partition("_")[0]

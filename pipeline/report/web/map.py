@@ -224,7 +224,10 @@ def _code(judgement: Judgement) -> NDArray[np.int64]:
 
 
 def _acceptance_code(evaluation: Evaluation) -> NDArray[np.int64]:
-    """The code of each answer (q,) as the model believes it, by its pose if it has poses."""
+    """The code of each answer (q,) by its verdict: whether it is accepted, and right or wrong.
+
+    The answer is the pose if the model has poses, else the place.
+    """
     acceptance = evaluation.acceptance
     wrong = acceptance["accepted_wrong"] | acceptance["refused_wrong"]
     code = np.where(wrong, WRONG, RIGHT)
@@ -235,7 +238,7 @@ def _acceptance_code(evaluation: Evaluation) -> NDArray[np.int64]:
 
 
 def _kept_queries(acceptance: Mapping[str, NDArray[np.bool_]], most: int) -> NDArray[np.int64]:
-    """The queries of a day to keep: those accepted wrongly, some refused wrongly, others evenly."""
+    """The queries of a day to keep: all wrongly accepted, some wrongly refused, others evenly."""
     wrong = np.flatnonzero(acceptance["accepted_wrong"])
     refused = np.flatnonzero(acceptance["refused_wrong"])
     refused = refused[:: max(math.ceil(3 * len(refused) / most), 1)]  # a third of the room

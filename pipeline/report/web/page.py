@@ -34,7 +34,7 @@ UNQUOTED = " !$'()*+,-./:;<=>?@[]^_`{|}~"
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure as an image of its own, so that its ids do not meet those of other figures."""
+    """A figure as an image of its own, so that its ids do not clash with those of other figures."""
 
     url: Markup
     wide_px: int
@@ -54,7 +54,7 @@ class Entry:
 
     study: StudyResults
     sections: Sequence[Section]
-    front: Mapping[str, Any] | None = None  # of a study that asks about the year
+    front: Mapping[str, Any] | None = None  # its first screen, if it tests over days
 
     @property
     def id(self) -> str:

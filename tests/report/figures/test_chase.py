@@ -128,7 +128,7 @@ def test_the_highest_target_precision_that_is_kept_says_what_is_accepted(
     accepted: list[bool],
     target_precision: float | None,
 ) -> None:
-    """Doubts of .1, .5 and .9; the last has no pose."""
+    """Error probabilities of .1, .5 and .9; the last has no pose."""
     caveat = np.array([0.1, 0.5, 0.9, 0.0], np.float32)
     flat = {"heading_deg": np.zeros((4, 1), np.float32), "costs": np.ones((4, 1), np.float32)}
     columns = flat | {

@@ -11,8 +11,7 @@ from tests.report.figures.made import ONE, TRAIN_PLACES, TRAIN_XY_M
 
 
 def along(novelty: np.ndarray, days: int = 20, outcome: int = FALSE_POSITIVE) -> Any:
-    """A result of a seen query every 10 m of a straight path, all misplaced by 200 m, or all
-    right."""
+    """A result of seen queries every 10 m of a straight path, all 200 m off or all right."""
     n = len(novelty)
     base = ONE[0].evaluation
     rank = np.full(n, 0 if outcome == TRUE_POSITIVE else -1)

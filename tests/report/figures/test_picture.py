@@ -50,7 +50,7 @@ def project(scanned: StudyResults, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     return tmp_path
 
 
-def test_a_scan_without_a_pose_is_laid_where_its_place_is(scanned: StudyResults) -> None:
+def test_a_scan_without_a_pose_is_drawn_where_its_place_is(scanned: StudyResults) -> None:
     drive = AcceptedDrive.of(scanned, "sci", DAY)
     answers_m = drive.world_T_query[:, :2, 3]
     assert (drive.posed, drive.target_precision) == (False, None)

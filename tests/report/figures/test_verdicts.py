@@ -1,5 +1,4 @@
-"""Poses are counted once, by the strongest claim that is accepted, and their probabilities are
-judged."""
+"""Tests that a pose counts once, by its strongest accepted claim, and of its probability."""
 
 from dataclasses import replace
 
@@ -11,15 +10,17 @@ from tests.report.figures.made import ONE, POSED
 
 
 def test_verdicts_count_every_query_once_and_the_most_telling_claim_counts() -> None:
-    """Doubts in the place .1 and in several .1 are accepted below .2; the third query has only the
-    latter, the sixth no pose."""
-    caveats = np.array(
+    """Error probabilities of .1, of the place and of several poses, are accepted below .2.
+
+    The third query has only the latter, the sixth has no pose.
+    """
+    error_probabilities = np.array(
         [[0.1, 0.1], [0.1, 0.1], [0.9, 0.1], [0.9, 0.9], [0.9, 0.9], [0.1, 0.1], [0.9, 0.1]]
     )
     evaluation = replace(
         POSED[0].evaluation,
         kinds=("fix", "place", "several"),
-        novelty=np.column_stack([ONE[0].evaluation.novelty[:, 0], caveats]),
+        novelty=np.column_stack([ONE[0].evaluation.novelty[:, 0], error_probabilities]),
         claims={"place": 0.2, "several": 0.2},
         reject_pose_from=0.15,
     )

@@ -1,5 +1,4 @@
-"""Clouds as methods see them: perturbed beside unperturbed, and the columns of an octree's
-leaves."""
+"""Tests of clouds as methods see them: perturbed and unperturbed, and an octree's columns."""
 
 import math
 
