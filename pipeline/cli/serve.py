@@ -79,7 +79,7 @@ def _serve_http(path: Path, host: str, port: int, workers: int) -> None:
     online.check_reach(host, os.environ.get(online.TOKEN, ""))
     if workers < 1:
         raise ConfigError(f"--workers {workers}: expected at least 1")
-    met_precisions = read_either(path).description.verdict.kept
+    met_precisions = read_either(path).description.verdict.reachable
     _check_port(host, port)
     # Each worker is a process of its own, which reads the site's path from the environment.
     os.environ[online.SITE] = str(path.resolve())

@@ -60,7 +60,7 @@ def _site(path: Path, parts: Parts) -> Inspection:
     inspection.add("made of", *digests)
     inspection.add("with", *provenance.versions.items())
     inspection.warn_if(
-        not verdict.kept,
+        not verdict.reachable,
         "no target precision can be reached: every fix will be rejected",
     )
     return inspection

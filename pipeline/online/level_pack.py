@@ -102,7 +102,7 @@ def _write(
     )
     arrays = {"occupancy": level_map.occupancy}
     site_file.write(out, site_file.LevelParts(description, arrays))
-    target_precisions = ", ".join(map(str, description.verdict.kept)) or "nothing"
+    target_precisions = ", ".join(map(str, description.verdict.reachable)) or "nothing"
     blocks = verdict.validation
     checked = f"checked on {blocks} validation blocks" if blocks else "not checked in this one"
     return (

@@ -217,7 +217,7 @@ class Packing:
         return (
             f"{out}: {places}, {out.stat().st_size / 1e6:.1f} MB; by {verdict.validation} "
             "validation "
-            f"blocks it {_target_words(description.verdict.kept)}"
+            f"blocks it {_target_words(description.verdict.reachable)}"
         )
 
     def _write_map(

@@ -100,16 +100,16 @@ class Judge:
             return np.ones(len(CLAIMS))
         # Both are (hypothesis + 1,): the last entry is that no hypothesis is right, or near.
         features = fix.features
-        if_pose = self.pose.probabilities_and_none(features)
-        if_place = self.place.probabilities_and_none(features)
+        pose_probabilities = self.pose.probabilities_and_none(features)
+        place_probabilities = self.place.probabilities_and_none(features)
         xy_m = fix.poses[:, :2, 3]
         is_far = np.linalg.norm(xy_m - xy_m[0], axis=1) >= self.tolerances.near_m
-        is_unreported = np.ones(len(if_pose), bool)
+        is_unreported = np.ones(len(pose_probabilities), bool)
         is_unreported[_reported(fix)] = False
         # Each error probability is the sum over the cases that the claim excludes.
-        pose_error = if_pose[1:].sum()
-        place_error = if_place[np.append(is_far, True)].sum()
-        several_error = if_pose[is_unreported].sum()
+        pose_error = pose_probabilities[1:].sum()
+        place_error = place_probabilities[np.append(is_far, True)].sum()
+        several_error = pose_probabilities[is_unreported].sum()
         return np.array([pose_error, place_error, several_error]).clip(0, 1)
 
 
@@ -126,7 +126,7 @@ class Verdict:
     place: HypothesisModel
     """The model of the probability that the robot is near a pose."""
     target_precisions: tuple[float, ...]
-    """The target precisions that were tried; a user may choose among those that are `kept`."""
+    """The target precisions that were tried; a user may choose among those that are `reachable`."""
     claim_thresholds: ClaimThresholds
     """For each of CLAIMS and each target precision, the error probability from which on the claim
     is rejected. A threshold that is not above 0 marks a target precision that cannot be reached."""
@@ -136,7 +136,7 @@ class Verdict:
     """The expected share of queries where training never went."""
 
     @property
-    def kept(self) -> tuple[float, ...]:
+    def reachable(self) -> tuple[float, ...]:
         """The target precisions that poses can reach."""
         return tuple(self.thresholds)
 

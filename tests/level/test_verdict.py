@@ -1,5 +1,5 @@
-"""Verdicts on level fixes: the error probabilities in them, and the limits that validation
-stretches keep."""
+"""Verdicts on level fixes: the error probabilities of claims, and thresholds by validation
+stretches."""
 
 import numpy as np
 import pytest
@@ -66,8 +66,7 @@ def test_right_is_within_a_metre_and_ten_degrees() -> None:
 
 
 def evidence(right_count: int, wrong_count: int) -> FixEvidence[LevelFix]:
-    """Fixes without error probability, each in a block of its own: the first ones right, the others
-    wrong."""
+    """Fixes of nearly no error probability, each in its own block: first right, then wrong ones."""
     count = right_count + wrong_count
     true = np.stack([pose(0 if n < right_count else 30, 0, 0) for n in range(count)])
     return FixEvidence([fixes_of(0.99, 0.5)] * count, true, np.zeros(count, bool), np.arange(count))
@@ -77,7 +76,7 @@ def test_a_map_lowers_the_usual_thresholds_only_if_its_own_fixes_miss_a_precisio
     for unbroken in (NO_EVIDENCE, evidence(20, 0)):
         assert verdict_of(unbroken, 0.2).claim_thresholds == USUAL_THRESHOLDS
     # 2 of 22 wrong, all of one error probability: no threshold reaches .95 or .99
-    assert verdict_of(evidence(20, 2), 0.2).kept == ()
+    assert verdict_of(evidence(20, 2), 0.2).reachable == ()
 
 
 def test_evidence_reaches_only_precisions_that_one_more_wrong_fix_would_not_break() -> None:

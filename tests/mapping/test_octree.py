@@ -177,8 +177,8 @@ def test_a_motion_takes_all_leaves_towards_unknown(
 
 @pytest.mark.parametrize("pose", [at(2.1, 0.1, 0.1), at(0.1, 0.1, 0.1, yaw=0.5)])
 def test_a_motion_counts_in_the_deviations_that_the_log_gives_it(pose: np.ndarray) -> None:
-    # 2 m of a σ of 4 m, and .5 rad of 1 rad, are half a deviation; without the log, and where it is
-    # not asked, one.
+    # 2 m of a σ of 4 m, and .5 rad of 1 rad, are half a deviation. With the constants, or without
+    # deviations in the log, they are one.
     log, constant = (
         Octree(**vars(OCTOMAP) | {"motion": "gaussian", "sigma": sigma})
         for sigma in ("log", "constant")

@@ -67,16 +67,16 @@ def test_a_fix_in_a_place_of_more_overlap_counts_for_less() -> None:
 
 
 def test_wrong_fixes_and_novel_places_add_no_expectations() -> None:
-    asked = evidence(STREET, [False, True, False])
-    moved = pose(np.array([[50.0, 0.0, 0.0]]), np.zeros((1, 3)))[0] @ asked.world_T_true[2]
-    ground_truth = np.array([*asked.world_T_true[:2], moved])
-    judged = with_expectations(replace(asked, world_T_true=ground_truth))
+    before = evidence(STREET, [False, True, False])
+    moved = pose(np.array([[50.0, 0.0, 0.0]]), np.zeros((1, 3)))[0] @ before.world_T_true[2]
+    ground_truth = np.array([*before.world_T_true[:2], moved])
+    judged = with_expectations(replace(before, world_T_true=ground_truth))
     assert judged.expectations.xy_m.tolist() == [[0.0, 0.0]]
 
 
 def test_a_day_without_a_right_fix_stays_as_it_is() -> None:
-    asked = evidence(STREET, 3 * [True])
-    assert with_expectations(asked) is asked
+    unseen = evidence(STREET, 3 * [True])
+    assert with_expectations(unseen) is unseen
 
 
 def test_a_site_file_keeps_expectations() -> None:

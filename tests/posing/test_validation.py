@@ -1,5 +1,5 @@
-"""Tests of the evidence from validation blocks of a training day, asked with and without their
-surroundings."""
+"""Tests of the evidence from validation blocks of a training day: queries on maps with and without
+their surroundings."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -68,8 +68,7 @@ def evidence(path: Path) -> FixEvidence:
 def test_blocks_are_right_with_their_surroundings_aged_or_not_and_wrong_without_them(
     path: Path, evidence: FixEvidence
 ) -> None:
-    """Blocks of 2 m in every 4; as these are too few, the scans between them are asked in their
-    turn."""
+    """Blocks of 2 m in every 4 m; as these are too few, the scans between them are queries too."""
     queries = len(evidence.fixes) // 3
     assert queries == 8
     few = evidence_of(VIEWS, path, replace(VALIDATION, enough=1))

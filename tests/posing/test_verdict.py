@@ -1,5 +1,5 @@
-"""Tests of verdicts: the error probabilities in a fix, and the limits that keep a target precision,
-from small evidence worked out by hand."""
+"""Tests of verdicts on small evidence, worked out by hand: the error probabilities of claims, and
+the thresholds that reach a target precision."""
 
 import numpy as np
 import pytest
@@ -64,23 +64,23 @@ def test_right_and_near_are_judged_separately() -> None:
 
 
 def test_a_target_precision_is_reached_only_if_one_more_wrong_block_would_not_break_it() -> None:
-    """Of 200 blocks .8 are seen: 160 accepted ones keep .99 (159 of 160 would), not .999; of 100
-    blocks 80 keep .95 alone."""
+    """The share .8 of the blocks is seen. With 200 blocks, 160 accepted queries reach .99 (159 right
+    ones of 160 would), but not .999. With 100 blocks, 80 reach only .95."""
     many, few = (evidence(blocks).verdict(0.2) for blocks in (200, 100))
-    assert many.kept == (0.95, 0.99)
-    assert few.kept == (0.95,)
+    assert many.reachable == (0.95, 0.99)
+    assert few.reachable == (0.95,)
     assert few.claim_thresholds["fix"][1] == ACCEPT_NOTHING
     assert few.thresholds == {0.95: tuple(few.claim_thresholds[claim][0] for claim in CLAIMS)}
 
 
 def test_wrong_fixes_among_the_accepted_break_a_target_precision() -> None:
-    """20 of 200 unseen blocks look right and count .2 each: 4 of 164 wrong keeps .95, not .99."""
-    assert evidence(200, wrong=20).verdict(0.2).kept == (0.95,)
+    """20 of 200 unseen queries look right and count .2 each: 4 wrong of 164 reach .95, not .99."""
+    assert evidence(200, wrong=20).verdict(0.2).reachable == (0.95,)
 
 
 def test_no_fix_is_accepted_at_many_times_the_error_of_the_target_precision() -> None:
-    """All are right, those of little overlap too, and no limit breaks a target precision: .05
-    allows an error probability of a half, .01 a tenth."""
+    """All are right, even those of little overlap, so no threshold misses a target precision: .95
+    allows an error probability of a half, .99 of a tenth."""
     fixes = [
         ScanFix.of([hypothesis(0, overlap)], OVERLAPS) for overlap in np.linspace(0.3, 0.9, 2000)
     ]
