@@ -104,7 +104,7 @@ def along(drives: Iterable[Drive]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class Footprint:
-    """The cells of the ground on which something stood."""
+    """The cells of the ground plane with standing objects."""
 
     occupied: NDArray[np.bool_]
     """(row, column), the southernmost row first"""

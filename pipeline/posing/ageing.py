@@ -39,7 +39,7 @@ class Ageing:
     walls: int = 1
     """New walls; the points behind them are removed."""
     wedge_deg: NotNegative = 90.0
-    """Width of a wedge of directions without points; every second scan has such a wedge."""
+    """Width of a wedge of directions without points; about half of the scans have such a wedge."""
     cars: int = 10
     """New parked cars."""
     crowns: int = 2

@@ -102,7 +102,7 @@ def contradiction(
 def _seen_through(walls: Walls, chart: Chart, walls_m: Points) -> float:
     """The share of walls (n, 3), in the frame of a chart, that the chart saw through.
 
-    Walls in cells that the chart knows nothing of do not count.
+    Walls in unknown cells of the chart do not count.
     """
     cells = np.floor(walls.middles(walls_m)).astype(np.int64) + walls.half_width_cells
     is_inside = ((cells >= 0) & (cells < 2 * walls.half_width_cells)).all(axis=1)
