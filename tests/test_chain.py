@@ -120,7 +120,7 @@ def test_a_model_of_the_chain_learns_its_day_street_by_street(built, tmp_path):
         f"timing={tmp_path}/incremental.json",
     )
     line = built.run("python", "-m", "stages.lifelong", *course, *days, *paths)
-    assert re.search(r"lifelong: 4 steps to \d+ places: of \d+ queries that can be known", line)
+    assert re.search(r"lifelong: 4 steps to \d+ places: of \d+ queries in learned places", line)
     artifact = store.read(tmp_path / "incremental.zarr", Lifelong)
     assert artifact.attrs["places"] == sorted(artifact.attrs["places"])
     assert artifact.load("right").sum(axis=1).argmax() > 0  # more is answered once more is known

@@ -1,18 +1,26 @@
-"""A ROS 2 node: PointCloud2 in, PoseWithCovarianceStamped out where a fix is accepted, with the
-stamp of the cloud.
+"""A ROS 2 node that localises each PointCloud2 and publishes accepted fixes.
+
+It publishes PoseWithCovarianceStamped on `fix`, with the stamp of the cloud.
 
     python localizer.py campus.site --ros-args -r points:=/velodyne_points \\
         -p odometry:=/odom -p tf:=true
     python localizer.py hall.site --ros-args -r scan:=/scan -p odometry:=/odom
 
-Of a level site it takes LaserScan instead, and publishes /initialpose too, which AMCL starts from:
-once the robot has been found, and each time that it is found again after it was lost.
+With a level site it takes LaserScan instead. It also publishes /initialpose, from which AMCL
+starts: when the robot is first found, and each time that it is found again after it was lost.
 
-Parameters: target_precision (.99), lift_m (0: raises the points so that the ground is at 0) or
-body_T_lidar (x,y,z,roll,pitch,yaw in m and degrees, from the body that the odometry is of), frame
-(map), odometry (a topic of Odometry; none is constant motion, of a level site each sweep alone), tf
-(false: whether to broadcast frame to the odometry's frame). Of the clouds that arrive while one is
-localised the newest is next, the others are dropped.
+Parameters, with their defaults:
+
+- target_precision (0.99): accept only poses that are right with at least this probability;
+- lift_m (0): raises the points by metres, so that the ground is at z = 0;
+- body_T_lidar (none): instead of lift_m, the pose of the lidar in the frame that odometry moves, as
+  x,y,z,roll,pitch,yaw in metres and degrees;
+- frame (map): the frame of the poses;
+- odometry (none): a topic of Odometry. Without it, constant motion is assumed, and the sweeps of a
+  level laser are localised one by one;
+- tf (false): whether to broadcast the transform from `frame` to the odometry's frame.
+
+While a cloud is localised, only the newest cloud waits; older clouds are dropped.
 """
 
 import sys
@@ -44,18 +52,17 @@ class Accepted:
     """The numbers of a pose message."""
 
     map_T_body: np.ndarray
-    """(4, 4)."""
+    """(4, 4) the pose."""
     covariance: np.ndarray
-    """(36,) as ROS has it."""
+    """(36,) in ROS's order."""
     map_T_odom: np.ndarray
-    """(4, 4) the odometry's frame; NaN without odometry."""
+    """(4, 4) the pose of the odometry's frame; NaN without odometry."""
     is_initial: bool
-    """Whether the robot was lost before."""
+    """Whether the robot was lost before this pose."""
 
 
 class Localizer:
-    """What the node does, without ROS: a cloud or sweep becomes the numbers of a pose message, or
-    nothing."""
+    """The node without ROS: turns a cloud or sweep into the numbers of a pose message, if accepted."""
 
     def __init__(
         self,
@@ -70,25 +77,25 @@ class Localizer:
         self._body_T_lidar = (
             placement("body_T_lidar", body_T_lidar) if body_T_lidar else raised(lift_m)
         )
-        self._before = NO_POSE
+        self._odom_T_previous = NO_POSE
 
     def moved(self, odometry: Any) -> None:
-        """One more Odometry."""
+        """Add an Odometry message."""
         self._odometry.add(stamp_ns(odometry.header), poses([pose_numbers(odometry, ODOMETRY)])[0])
 
     def pose(self, cloud: Any) -> Accepted | None:
-        """The pose of a PointCloud2, of a level site of a LaserScan; None if none is accepted."""
+        """The pose of a PointCloud2, or of a LaserScan in a level site; None if it is not accepted."""
         time_ns = stamp_ns(cloud.header)
         odom_T_body = self._odometry.at(time_ns)
         step = (
-            np.linalg.inv(self._before) @ odom_T_body
-            if np.isfinite(self._before + odom_T_body).all()
+            np.linalg.inv(self._odom_T_previous) @ odom_T_body
+            if np.isfinite(self._odom_T_previous + odom_T_body).all()
             else None
         )
         was_lost = self._tracker.is_lost
         points_m = transformed(self._body_T_lidar, self._points(cloud))
         fix = self._tracker.localize(points_m, step, time_ns or None)
-        self._before = odom_T_body
+        self._odom_T_previous = odom_T_body
         if fix.verdict != "accepted":
             return None
         map_T_odom = (
@@ -121,7 +128,7 @@ def main() -> None:
     rclpy.init()
     node = Node("yearloc")
     odom_frame = ""
-    usual = {
+    defaults = {
         "target_precision": 0.99,
         "lift_m": 0.0,
         "body_T_lidar": "",
@@ -130,7 +137,7 @@ def main() -> None:
         "tf": False,
     }
     target_precision, lift_m, body_T_lidar, frame, odometry, tf = (
-        node.declare_parameter(name, usual[name]).value for name in usual
+        node.declare_parameter(name, defaults[name]).value for name in defaults
     )
     try:
         site = Site.open(remove_ros_args(sys.argv)[1])
@@ -152,27 +159,31 @@ def main() -> None:
 
     def arrived(cloud: Any) -> None:
         try:
-            found = localizer.pose(cloud)
+            accepted = localizer.pose(cloud)
         except YearlocError as error:
             node.get_logger().warning(str(error))
             return
-        if found is None:
+        if accepted is None:
             return
         message = PoseWithCovarianceStamped()
         message.header.stamp = cloud.header.stamp
         message.header.frame_id = frame
-        fill(message.pose.pose.position, message.pose.pose.orientation, found.map_T_body)
-        message.pose.covariance = found.covariance.tolist()
+        fill(message.pose.pose.position, message.pose.pose.orientation, accepted.map_T_body)
+        message.pose.covariance = accepted.covariance.tolist()
         publisher.publish(message)
-        if initial is not None and found.is_initial:
+        if initial is not None and accepted.is_initial:
             initial.publish(message)
-        if tf and np.isfinite(found.map_T_odom).all():
-            leads = TransformStamped()
-            leads.header.stamp = cloud.header.stamp
-            leads.header.frame_id = frame
-            leads.child_frame_id = odom_frame
-            fill(leads.transform.translation, leads.transform.rotation, found.map_T_odom)
-            broadcaster.sendTransform(leads)
+        if tf and np.isfinite(accepted.map_T_odom).all():
+            map_T_odom = TransformStamped()
+            map_T_odom.header.stamp = cloud.header.stamp
+            map_T_odom.header.frame_id = frame
+            map_T_odom.child_frame_id = odom_frame
+            fill(
+                map_T_odom.transform.translation,
+                map_T_odom.transform.rotation,
+                accepted.map_T_odom,
+            )
+            broadcaster.sendTransform(map_T_odom)
 
     if cold(bin_heights):
         node.get_logger().info("compiling kernels, once per machine: about a minute")

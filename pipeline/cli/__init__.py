@@ -36,20 +36,20 @@ from pipeline.running.texts import one_line, print_anywhere
 ABOUT = """\
 Learn a place from LiDAR on one day, localise in it for a year.
 
-The work itself is a chain of stages that DVC runs: `dvc repro` builds
-whatever is out of date, from raw logs to a report. This command chooses what
-the chain runs on, and looks at what it made.
+DVC runs a chain of stages from raw logs to a report: `dvc repro` builds
+whatever is out of date. This command chooses the data for the chain, shows
+its results, and uses its models on new scans.
 
-  yearloc example                            one minute: a site that is ready
-  yearloc use campus town                    simulated: no data are needed
+  yearloc example                            localise three scans in a minute
+  yearloc use campus town                    simulated data sets: no download
   yearloc use nclt root=/data/nclt           NCLT as its archives unpack
   yearloc use robotcar root=/data/robotcar   2-D sweeps along the odometry
-  yearloc use kitti root=/data/kitti log=00  part of a log, then the rest
-  yearloc fetch nclt 2012-01-15              the official archives
+  yearloc use kitti root=/data/kitti log=00  train on the start of a log, test on its rest
+  yearloc fetch nclt 2012-01-15              download the official archives
   yearloc inspect bags/monday --save conf/dataset/robot.yaml
   yearloc inspect 1326652795280148.bin --format nclt
-  yearloc slam bags/monday -o poses.txt      poses of a log that has none
-  yearloc results                            the table; where the figures are
+  yearloc slam bags/monday -o poses.txt      estimate the poses of a log
+  yearloc results                            print the results and where the figures are
   yearloc pack campus/10m/sci_ring -o campus.site
   yearloc localize campus.site drive.mcap --json
 """
@@ -62,11 +62,11 @@ GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
 }
 """The commands, in the order and under the headings of `yearloc --help`."""
 COMPLETION = "_YEARLOC_COMPLETE"
-"""The environment variable by which a shell asks which words may come next."""
+"""The environment variable by which a shell requests completions of a command line."""
 
 
 class Command(TyperCommand):
-    """A command that refuses to run in a copied project which still runs the first one's code."""
+    """A command that refuses to run in a copied project whose .venv runs the original's code."""
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command; raises ConfigError if another project's code would run."""
@@ -90,7 +90,8 @@ COMMANDS = {
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command that the arguments name, by default those of the process.
 
-    A YearlocError becomes one line and exit code 1, a wrong command line one line and exit code 2.
+    A YearlocError becomes one line and exit code 1, a wrong command line becomes one line and exit
+    code 2.
     """
     print_anywhere()
     keep_freed_memory()

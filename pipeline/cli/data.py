@@ -20,15 +20,20 @@ def fetch(
     dataset: Annotated[
         str,
         typer.Argument(
-            metavar="DATASET", help="nclt, carmen or nclt_keyframes: a file in conf/fetch"
+            metavar="DATASET",
+            help="The data set: nclt, carmen or nclt_keyframes, each a file in conf/fetch",
         ),
     ],
     words: Annotated[
         list[str],
-        some_words("SEQUENCE|KEY=VALUE", "dates; root=FOLDER (data/DATASET), base=ADDRESS"),
+        some_words(
+            "SEQUENCE|KEY=VALUE",
+            "Sequences to download, such as 2012-01-15; root=FOLDER is where they go (default "
+            "data/DATASET), base=ADDRESS the server or mirror that has them",
+        ),
     ],
 ) -> None:
-    """Bring official archives: resumed, checked, unpacked, laid as the reader expects them."""
+    """Download a data set's official archives, check them, and unpack them for its reader."""
     from pipeline.fetching.archives import Publisher
 
     if not (path := conf_folder() / "fetch" / f"{dataset}.yaml").is_file():
@@ -49,20 +54,29 @@ def fetch(
 
 
 def inspect(
-    path: Annotated[Path, typer.Argument(metavar="FILE-OR-ARTIFACT")],
+    path: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE-OR-ARTIFACT",
+            help="A raw file, a bag, the folder of a log, a site file or an artifact of the chain",
+        ),
+    ],
     format_name: Annotated[
         Literal["nclt", "kitti"] | None,
-        typer.Option("--format", help="whose .bin file it is, where its folder does not tell"),
+        typer.Option(
+            "--format",
+            help="The format of a single .bin file, by default guessed from its folder",
+        ),
     ] = None,
     save: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="of bags: write the data set's yaml that is proposed, for conf/dataset",
+            help="For bags: write the proposed data set to this new file, conf/dataset/NAME.yaml",
         ),
     ] = None,
 ) -> None:
-    """Say what a file or artifact is: ranges, counts, frames, provenance, warnings."""
+    """Describe a file or artifact: ranges, counts, frames, provenance, warnings."""
     from pipeline.inspection import report
 
     if save:

@@ -1,7 +1,7 @@
-"""`yearloc example` asks the site that comes with the package about three scans.
+"""`yearloc example` localises three scans by the site that comes with the package.
 
-A site is one file with all that it takes to localise in a place. Its answer to a scan is a fix: a
-pose, and a verdict that says what of it to believe.
+A site is one file with all that it takes to localise in a place. It answers a scan by a fix: a
+pose, and a verdict that says whether to accept it.
 """
 
 from typing import TYPE_CHECKING
@@ -14,20 +14,19 @@ if TYPE_CHECKING:  # at run time these would slow the start of every command
     from pipeline.online.site import Fix, Word
 
 MEANING: dict["Word", str] = {
-    "accepted": "right with the target precision of {target_precision:g}",
-    "near": "the pose is not accepted, but that it is at most 15 m off is",
-    "ambiguous": "it has this pose or that of a runner-up",
-    "rejected": "nothing is accepted; it may be from elsewhere",
+    "accepted": "right at the target precision of {target_precision:g}",
+    "near": "the pose may be wrong, but is at most 15 m off at the target precision",
+    "ambiguous": "this pose or a runner-up is right at the target precision",
+    "rejected": "neither pose nor place is accepted; the scan may be from elsewhere",
     "no pose": "too few points, or nothing fits",
 }
 """What each verdict on a fix means, in words."""
 TARGET_PRECISION = 0.99
-"""The wanted share of right poses among those that are accepted."""
+"""The target precision: the wanted share of right poses among the accepted ones."""
 
 
 def example() -> None:
-    """Ask a ready site about three scans of later days: simulated, nothing else is needed."""
-
+    """Localise three scans of later days by a small simulated site that comes with the package."""
     from pipeline.core.frames import step_lengths_m
     from pipeline.online.example import SITE, scans
     from pipeline.online.site import Site
@@ -46,7 +45,7 @@ def example() -> None:
 
 
 def lines(scan: "ExampleScan", fix: "Fix") -> list[str]:
-    """A heading, and a row for each part of a site's answer: how sure it is, and how far off."""
+    """The lines that show a fix: a heading, then verdict, pose with its error, and runner-up."""
     from pipeline.core.frames import distance_and_turn
 
     rows = [

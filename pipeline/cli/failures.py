@@ -29,18 +29,23 @@ if TYPE_CHECKING:  # at run time these would slow the start of every command
 SiteOrModel = Annotated[
     str,
     typer.Argument(
-        metavar="SITE|STUDY/GRID/METHOD", help="a site, or a model of a study that has poses"
+        metavar="SITE|STUDY/GRID/METHOD",
+        help="A site file, or a model of a study whose answers have poses",
     ),
 ]
 LogOrDay = Annotated[
     str | None,
     typer.Argument(
         metavar="LOG|DAY",
-        help="of a site a log with true poses; of a study one test day (all)",
+        help="With a site: a log with true poses. With a study: one test day, by default all",
     ),
 ]
-Worst = Annotated[int, typer.Option(metavar="N", help="so many at most")]
-Out = Annotated[Path, typer.Option("-o", "--out", metavar="FOLDER", help="where the pictures go")]
+Worst = Annotated[
+    int, typer.Option(metavar="N", help="Draw at most N pictures, the worst fixes first")
+]
+Out = Annotated[
+    Path, typer.Option("-o", "--out", metavar="FOLDER", help="The folder for the pictures")
+]
 
 
 @dataclass(frozen=True)
@@ -63,7 +68,7 @@ def failures(
     out: Out = Path("failures"),
     target_precision: TargetPrecision = 0.99,
 ) -> None:
-    """A picture of each fix that the verdict got wrong."""
+    """Draw each fix whose verdict is wrong: accepted though wrong, or rejected though right."""
     from pipeline.evaluation.failures import failures as failed
     from pipeline.online.failures import draw
 
@@ -90,7 +95,7 @@ def failures(
 def _judged_of_site(
     name: str, log: str | None, body_T_lidar: str | None, target_precision: float | None
 ) -> JudgedFixes:
-    """Localise those scans of a log that have a true pose, by a site file."""
+    """Localise the scans of a log that have a true pose by a site file."""
     import numpy as np
 
     from pipeline.online.failures import of_log
@@ -113,9 +118,8 @@ def _judged_of_site(
     fixes = [site.localize(scan.points(), target_precision) for scan in scans]
     precision_text = "no pose is accepted"
     if target_precision is not None:
-        pose_threshold, *_ = site.target_precisions[
-            target_precision
-        ]  # the error probability from which a pose is rejected
+        # the error probability from which a pose is rejected
+        pose_threshold, *_ = site.target_precisions[target_precision]
         precision_text = (
             f"rejected from {pose_threshold:.3f} on (target precision {target_precision:g})"
         )
@@ -125,7 +129,7 @@ def _judged_of_site(
 
 
 def _judged_of_study(name: str, day: str | None, target_precision: float | None) -> JudgedFixes:
-    """Read the fixes of STUDY/GRID/METHOD on one test day, or on all."""
+    """Read the fixes of STUDY/GRID/METHOD on one test day, or on all test days."""
     from pipeline.core import store
     from pipeline.core.schemas import Fixes
     from pipeline.evaluation.failures import of_drive, reject_from

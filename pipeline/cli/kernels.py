@@ -11,7 +11,7 @@ from pipeline.kernel_cache import CACHE_VARIABLE, cold
 
 
 def kernels() -> None:
-    """Compile, once per machine, what a first scan would wait for; `make install` does it."""
+    """Compile the kernels of localisation, once per machine; `make install` does it too."""
     from pipeline.online.first import compile_kernels
 
     print("compiling what a first scan takes, once per machine", file=sys.stderr, flush=True)

@@ -1,8 +1,8 @@
 """`yearloc localize` says where scans were taken: a pose and a verdict for each of them.
 
 It reads a site (one file with all that it takes to localise in a place) and scans from files, logs,
-bags or a recording under way, and writes text, JSON, CSV or a trajectory. The verdict says what of
-the pose to accept, at a target precision.
+bags or a recording under way, and writes text, JSON, CSV or a trajectory. The verdict says at a
+target precision whether to accept the pose.
 """
 
 import gc
@@ -42,27 +42,37 @@ if TYPE_CHECKING:  # at run time these would slow the start of every command
 Inputs = Annotated[
     list[str],
     typer.Argument(
-        metavar="INPUT", help="scans (.bin .npy .pcd), folders, logs, bags; - reads one scan"
+        metavar="INPUT",
+        help="Scans (.bin .npy .pcd), folders of scans, logs or bags; - reads one scan from "
+        "standard input",
     ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="an object a scan, each on a line")]
-Csv = Annotated[bool, typer.Option("--csv", help="a row a scan")]
-Tum = Annotated[bool, typer.Option("--tum", help="a trajectory of the accepted ones")]
+Json = Annotated[bool, typer.Option("--json", help="Write one JSON object per scan and line")]
+Csv = Annotated[bool, typer.Option("--csv", help="Write one CSV row per scan")]
+Tum = Annotated[
+    bool, typer.Option("--tum", help="Write the accepted poses as a trajectory in TUM's format")
+]
 Mcap = Annotated[
     bool,
-    typer.Option("--mcap", help="the accepted ones as PoseWithCovarianceStamped, for Foxglove"),
+    typer.Option(
+        "--mcap", help="Write the accepted poses as PoseWithCovarianceStamped, for Foxglove"
+    ),
 ]
 Out = Annotated[
     Path | None,
-    typer.Option("-o", "--out", metavar="FILE", help="instead of standard output"),
+    typer.Option(
+        "-o", "--out", metavar="FILE", help="Write to this file instead of standard output"
+    ),
 ]
 Lift = Annotated[
     float | None,
     typer.Option(
-        metavar="M", help="raises the points, so that the ground is at 0; of logs as trained"
+        metavar="M",
+        help="Raise the points by M metres, so that the ground is at z = 0; by default as the "
+        "site was trained; not for logs of the site's data set",
     ),
 ]
-Threads = Annotated[int, typer.Option(metavar="N", help="for the network")]
+Threads = Annotated[int, typer.Option(metavar="N", help="Threads that the network may use")]
 
 
 def localize(
@@ -83,7 +93,7 @@ def localize(
     idle: Idle = 10.0,
     threads: Threads = 1,
 ) -> None:
-    """Where scans were taken, by a site file, and whether to accept it."""
+    """Localise scans by a site file: a pose for each scan, and whether to accept it."""
     with _without_garbage_collection():
         from pipeline.online.localized import localized, tracker_of
         from pipeline.online.outputs import writer
@@ -126,7 +136,7 @@ def localize(
 
 @contextmanager
 def _without_garbage_collection() -> Iterator[None]:
-    """Import faster: modules make no garbage, and searching for it is a tenth of the start."""
+    """Import without garbage collection, which finds none and is a tenth of the start-up time."""
     gc.disable()
     try:
         yield
@@ -150,10 +160,10 @@ def _warn_if_unlike(
 ) -> None:
     """Print how the points (n, 3) of a scan differ from the scans that the site learned.
 
-    `body_T_lidar` (4, 4) is where the scan's points say that the lidar is, if they do.
+    `body_T_lidar` (4, 4) is the pose of the lidar in the scan, None if it is unknown.
     """
-    for line in site.unlike(points_m, body_T_lidar):
+    for difference in site.unlike(points_m, body_T_lidar):
         print(
-            f"yearloc localize: unlike the scans that the site was learned with: {line}",
+            f"yearloc localize: unlike the scans that the site was learned with: {difference}",
             file=sys.stderr,
         )

@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # at run time these would slow the start of every command
 
 
 def share_or_none(word: str) -> float | None:
-    """Parse the value of `--target-precision`: a share, or None for the word none."""
+    """Parse the value of `--target-precision`: a share, or the word none, which becomes None."""
     try:
         return None if word == "none" else float(word)
     except ValueError:
@@ -27,13 +27,15 @@ def some_words(metavar: str, help_text: str) -> Any:
     return typer.Argument(metavar=metavar, default_factory=list, show_default=False, help=help_text)
 
 
-SitePath = Annotated[Path, typer.Argument(metavar="SITE")]
+SitePath = Annotated[
+    Path, typer.Argument(metavar="SITE", help="A site file, as `yearloc pack` writes it")
+]
 TargetPrecision = Annotated[
     float | None,
     typer.Option(
         metavar="P",
         parser=share_or_none,
-        help="accept only poses that are right with at least this probability, as calibrated on "
+        help="Accept only poses that are right with at least this probability, as calibrated on "
         "validation blocks; none accepts no pose",
     ),
 ]
@@ -42,34 +44,40 @@ BodyTLidar = Annotated[
     typer.Option(
         "--body-T-lidar",
         metavar="X,Y,Z,ROLL,PITCH,YAW",
-        help="turns and raises the points, by metres and degrees; in place of a bag's transforms, "
-        "but not of logs",
+        help="Pose of the lidar in the robot's frame, in metres and degrees; replaces a bag's "
+        "transforms; not for logs of the site's data set",
     ),
 ]
 Topic = Annotated[
-    str | None, typer.Option(metavar="TOPIC", help="of a bag, where it has several clouds")
+    str | None,
+    typer.Option(metavar="TOPIC", help="Topic of the clouds, needed if a bag has several"),
 ]
 Odometry = Annotated[
     str | None,
     typer.Option(
-        metavar="TOPIC", help="of a bag, for --track or a level site: poses, or tf:PARENT>CHILD"
+        metavar="TOPIC",
+        help="Odometry of a bag, a topic of poses or tf:PARENT>CHILD; used with --track or a "
+        "level site",
     ),
 ]
 Track = Annotated[
     bool,
     typer.Option(
-        "--track", help="scans are one path: follow it, by odometry where the log has some"
+        "--track",
+        help="Track the robot: combine the fixes of all scans so far, with the log's odometry if "
+        "it has any",
     ),
 ]
 Follow = Annotated[
     bool,
     typer.Option(
         "--follow",
-        help="the input is an .mcap still being recorded; what waits too long is dropped",
+        help="Read an .mcap that is still being recorded; scans that come too fast are dropped",
     ),
 ]
 Idle = Annotated[
-    float, typer.Option(metavar="S", help="of --follow: ends after so long without a byte")
+    float,
+    typer.Option(metavar="S", help="With --follow: end after S seconds without new data"),
 ]
 
 

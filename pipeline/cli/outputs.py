@@ -10,8 +10,9 @@ from pipeline.core.errors import ConfigError
 def check_file(out: Path | None, is_written_whole: bool = True) -> None:
     """Raise ConfigError if the output file `out` cannot be written; None is standard output.
 
-    A file that is written whole grows beside its path and is moved there when it is done, so it
-    must be a plain file. Any other is written as the lines come, so it may be a device or a pipe.
+    A file that is written whole is written beside its path and moved there at the end, so `out`
+    must be a plain file. Otherwise lines are written as they come, so `out` may be a device or a
+    pipe.
     """
     if out is None:
         return

@@ -28,32 +28,36 @@ def picture(
     of: Annotated[
         str,
         typer.Argument(
-            metavar="STUDY/GRID/METHOD|SITE", help="such as campus/10m/sci_ring; or a level site"
+            metavar="STUDY/GRID/METHOD|SITE",
+            help="A model of a study, such as campus/10m/sci_ring, or a level site",
         ),
     ],
     out: Annotated[
         Path,
-        typer.Option("-o", "--out", metavar="FILE", help="its name ends in .gif, .webp or .png"),
+        typer.Option(
+            "-o", "--out", metavar="FILE", help="The picture, a .gif, a .webp or an animated .png"
+        ),
     ],
     day: Annotated[
         str | None,
         typer.Argument(
-            metavar="DAY|LOG", help="a test day, without one the last; of a site what it is asked"
+            metavar="DAY|LOG",
+            help="With a study: a test day, by default the last. With a site: a log or a bag",
         ),
     ] = None,
     target_precision: TargetPrecision = 0.99,
     topic: Topic = None,
     odometry: Odometry = None,
 ) -> None:
-    """A moving picture of one test day: the drive, and which answers are accepted.
+    """Draw a moving picture of one test day: the drive, and which answers are accepted.
 
-    Of a level site it shows the drive of a log or bag in the plan of the building, tracked.
+    With a level site, it shows a tracked log or bag in the plan of the building.
     """
     if of.endswith(".site"):
         print(draw_level_drive(Path(of), day, out, target_precision, topic, odometry))
     else:
-        line, _ = draw(of, day, out)
-        print(line)
+        summary_line, _ = draw(of, day, out)
+        print(summary_line)
 
 
 def draw(of: str, test_day: str | None, out: Path) -> tuple[str, str]:
@@ -137,7 +141,7 @@ def draw_level_drive(
 
 
 def last_day(table: "pd.DataFrame", tests: Sequence[str]) -> str:
-    """The test day that is the most days after training.
+    """The test day that is furthest from the training day.
 
     `table` is the table of results; its column `days` is empty in rows that belong to no day.
     """

@@ -1,4 +1,4 @@
-"""Shows the progress of a command: a bar on a terminal, and else a line now and then.
+"""Shows the progress of a command: a bar on a terminal, elsewhere a line every few seconds.
 
 The classes differ in what they count: items, bytes, or scans with their speed.
 """
@@ -11,18 +11,18 @@ from typing import Any
 from pipeline.core.progress import Item, Progress
 
 LINE_S = 5.0
-"""Seconds between two lines of progress where there is no terminal, as in a log file."""
+"""Seconds between two lines of progress if the output is no terminal."""
 
 
 class Lines(Progress):
-    """Prints lines on standard error, and shows no bar."""
+    """Prints lines on standard error, without a bar."""
 
     def tell(self, line: str) -> None:
         print(f"  {line}", file=sys.stderr, flush=True)
 
 
 class Bar(Lines):
-    """Shows a bar of items, with the time that is left."""
+    """Shows a bar of items, with the time left."""
 
     def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
         from rich.progress import MofNCompleteColumn, TimeRemainingColumn
@@ -32,7 +32,7 @@ class Bar(Lines):
 
 
 class Bytes(Lines):
-    """Shows a bar of bytes, with the speed and the time that is left; an item is a chunk."""
+    """Shows a bar of bytes, with the speed and the time left; an item is a chunk."""
 
     def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
         from rich.progress import DownloadColumn, TimeRemainingColumn, TransferSpeedColumn
@@ -91,10 +91,10 @@ def _speed_column() -> Any:
 def _tracked(
     items: Iterable[Item], total: int, what: str, *columns: Any, advance: int = 1
 ) -> Iterator[Item]:
-    """Yield the items, and show them in a bar that grows by `advance` with each.
+    """Yield the items, and show them in a bar that advances by `advance` with each item.
 
-    The bar shows the text `what`, and rich's `columns` behind it. Without a terminal, lines are
-    printed instead.
+    The bar shows the text `what`, then rich's `columns`. Without a terminal, lines are printed
+    instead.
     """
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn

@@ -1,8 +1,7 @@
-"""`yearloc repro` runs DVC and counts its stages; `yearloc repair` repairs DVC's files after a
-kill.
+"""`yearloc repro` runs DVC and counts its stages; `yearloc repair` repairs its files after a kill.
 
-DVC prints a line when it begins a stage. `Counting` puts before it which of how many stages that
-is, and about how long the others will take.
+DVC prints a line when it begins a stage. `Counting` puts before this line the stage's number, the
+number of all stages, and an estimate of the time left.
 """
 
 import os
@@ -27,12 +26,12 @@ STAGE_LINE = re.compile(
     r"(?P<running>Running s|S)tage '(?:[^':]+:)?(?P<stage>[^'@:]+)(?:@[^']*)?'"
     r"(?:| didn't change.*| is cached.*)[:,]?"
 )
-"""A line of DVC on a stage: it runs it, or skips it as up to date."""
+"""Matches a line of DVC that says that it runs a stage, or skips the stage as up to date."""
 HIDDEN_LINE = re.compile(
     r"Updating lock file|To track the changes|\tgit add|To enable auto|\tdvc config|"
     r"Use `dvc push`|WARNING: '.*' is empty"
 )
-"""Beginnings of those lines of DVC that are not shown."""
+"""Matches the beginnings of DVC's lines that are not shown."""
 USUAL_S = {
     "logs": 9.0,
     "scans": 4.0,
@@ -50,17 +49,17 @@ USUAL_S = {
 }
 """Seconds that an instance of each stage took in `make demo` on 2 cores.
 
-Only their ratios count. Without them, a guess from quick stages would be far too short for
-training, and one made after training far too long.
+Only their ratios count. Without them, an estimate from quick stages would be far too short for
+training, and an estimate made after training far too long.
 """
 OTHER_S = 10.0
-"""The same for stages that are not listed."""
+"""Seconds that an instance of a stage takes that is not in USUAL_S."""
 USUAL_WEIGHT = 2
 """The usual time weighs as much as this many measured instances of the stage."""
 
 
 def repro() -> None:
-    """`dvc repro` that counts its stages and says how long the rest may take."""
+    """Run `dvc repro`, count its stages, and estimate the time left."""
     for name in WRITTEN:
         read_yaml(conf_folder() / name)
     counting = Counting(count_instances(Path()))
@@ -93,7 +92,7 @@ def repro() -> None:
 
 
 def repair() -> None:
-    """Put right what a kill may leave of DVC's own files; `make demo` does it first."""
+    """Repair DVC's own files after DVC was killed; `make demo` does it first."""
     from pipeline.running import at_work
 
     at_work.refuse_at_work(Path())
@@ -108,8 +107,8 @@ def repair() -> None:
 def count_instances(root: Path) -> Counter[str]:
     """Count how many instances each stage of the project at `root` has.
 
-    A stage has one, or one for each entry of the list in conf/lists.yaml that its `foreach` names.
-    The result is empty if the lists are not written yet.
+    A stage has one instance, or one for each entry of the list in conf/lists.yaml that its
+    `foreach` names. The result is empty if the lists are not written yet.
     """
     try:
         lists = yaml.safe_load((root / "conf/lists.yaml").read_text(encoding="utf-8"))["lists"]
@@ -140,11 +139,11 @@ class Counting:
     counts: Counter[str] = field(default_factory=Counter)
     """How many instances of each stage DVC has run or skipped so far."""
     took_s: dict[str, list[float]] = field(default_factory=dict)
-    """How long the instances of each stage took that were run to the end."""
+    """The seconds that each finished instance of a stage took, by stage."""
     running: tuple[str, float] | None = None
     """The stage that DVC runs now, and when it began, in seconds.
 
-    None before the first one, and after one that it skipped.
+    None before the first stage, and after a skipped stage.
     """
 
     def line(self, line: str, time_s: float) -> str:
@@ -166,11 +165,11 @@ class Counting:
         return f"[{self.counts.total()}/{self.instances.total()}{remaining_note}] {line}"
 
     def remaining_text(self) -> str:
-        """About how long the remaining instances take, the one under way among them.
+        """About how long the remaining instances take, with the one that runs now.
 
-        The instances that were run give a pace: their time by their usual time. An instance of a
-        stage is expected to take its usual time at that pace, corrected by those of the same stage
-        (`_expected_s`).
+        The pace is the time of the finished instances, divided by their usual time. A remaining
+        instance is expected to take its usual time at this pace, corrected by the times of the
+        same stage (`_expected_s`).
         """
         total_took_s = sum(map(sum, self.took_s.values()))
         total_usual_s = sum(_usual_s(stage) * len(times) for stage, times in self.took_s.items())

@@ -34,7 +34,9 @@ PAPERS = "papers"
 
 Words = Annotated[
     list[str],
-    some_words("COLUMN=VALUE|KIND", "further ones of --where, and the kinds of --write"),
+    some_words(
+        "COLUMN=VALUE|KIND", "Further conditions of --where, or the kinds of blocks for --write"
+    ),
 ]
 Where = Annotated[
     list[str],
@@ -42,19 +44,23 @@ Where = Annotated[
         metavar="COLUMN=VALUE",
         default_factory=list,
         show_default=False,
-        help="only these rows; commas between values",
+        help="Print only rows with this value in this column; commas separate several values",
     ),
 ]
-Full = Annotated[bool, typer.Option("--full", help="all tables of the report, with intervals")]
-Csv = Annotated[bool, typer.Option("--csv", help="every number: a header line and a row a number")]
-Json = Annotated[bool, typer.Option("--json", help="the same as a list of objects")]
-Markdown = Annotated[bool, typer.Option("--markdown", help="all tables, as in docs/RESULTS.md")]
+Full = Annotated[
+    bool, typer.Option("--full", help="Print all tables of the report, with intervals")
+]
+Csv = Annotated[bool, typer.Option("--csv", help="Print every number as CSV, one per row")]
+Json = Annotated[bool, typer.Option("--json", help="Print every number as a JSON list of objects")]
+Markdown = Annotated[
+    bool, typer.Option("--markdown", help="Print all tables as Markdown, as in docs/RESULTS.md")
+]
 Write = Annotated[
     bool,
     typer.Option(
         "--write",
-        help="fill the marked blocks of README.md and docs/, of all kinds or these: brief, "
-        "tables, bfloat16, float32, picture, and docs/papers.md: papers",
+        help="Fill the marked blocks of README.md and docs/ with the numbers: all kinds of blocks, "
+        "or some of brief, tables, bfloat16, float32, picture, papers (docs/papers.md)",
     ),
 ]
 Keep = Annotated[
@@ -63,7 +69,8 @@ Keep = Annotated[
         "--keep",
         metavar="NAME",
         show_default=False,
-        help="keep in docs/papers/ what the papers' findings read: nway, street, compare, real",
+        help="Keep in docs/papers/ the rows that are compared with the papers' findings, under "
+        "the name nway, street, compare or real",
     ),
 ]
 
@@ -78,7 +85,7 @@ def results(
     write: Write = False,
     keep_name: Keep = "",
 ) -> None:
-    """The results in a few lines, all tables, or every number as csv or json."""
+    """Print the results: in a few lines, as all tables, or every number as CSV or JSON."""
     if words and not (write or where):
         raise typer.BadParameter(
             "a word of --where or --write, and neither is there", param_hint=words[0]
@@ -170,8 +177,8 @@ def _print_rows(table: "pd.DataFrame", conditions: list[str], csv: bool, json: b
 def _write_pages(table: "pd.DataFrame", studies: "dict[str, Study]", kinds: list[str]) -> None:
     """Fill the marked blocks of README.md and docs/ with numbers of these studies.
 
-    Only blocks of the given kinds are filled, all kinds if none is given. A block that the studies
-    have no numbers for is left as it is. Raises ConfigError for an unknown kind.
+    Only blocks of the given kinds are filled, or all blocks without a kind. A block for which the
+    studies have no numbers is left as it is. Raises ConfigError for an unknown kind.
     """
     from pipeline.core.replacing import write_text
     from pipeline.networks.loop import arithmetic
@@ -223,9 +230,9 @@ def _picture_texts(blocks: "Iterable[Block]", studies: "dict[str, Study]") -> "d
 
 
 def _papers(module: str) -> Any:
-    """A module of benchmarks/papers, which fills docs/papers.md and is no part of the library.
+    """Import a module of benchmarks/papers, which fills docs/papers.md.
 
-    Raises NotInstalledError where only the library is installed.
+    Raises NotInstalledError if only the library is installed.
     """
     try:
         return import_module(f"benchmarks.papers.{module}")
@@ -241,7 +248,7 @@ def _write_papers() -> None:
 
 
 def _keep(name: str, table: "pd.DataFrame", studies: "dict[str, Study]") -> None:
-    """Keep the rows that the papers' findings read, with the machine and the date."""
+    """Keep the rows that are compared with the papers' findings, with the machine and the date."""
     from datetime import date
     from importlib.metadata import version
 

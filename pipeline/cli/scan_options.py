@@ -20,7 +20,7 @@ def scan_options(
     body_T_lidar: str | None = None,
     lift_m: float | None = None,
 ) -> "ScanOptions":
-    """How scans are read for a site, by the values of the command line's options.
+    """How scans are read for a site, from the values of the command line's options.
 
     Raises ConfigError for a `body_T_lidar` that is not of the form x,y,z,roll,pitch,yaw.
     """
@@ -60,7 +60,7 @@ def scans_or_followed(
 def check_site(
     site: "Site", target_precision: float | None, odometry: str | None, track: bool, follow: bool
 ) -> None:
-    """Raise ConfigError for options of `localize` and `watch` that this site cannot heed."""
+    """Raise ConfigError for options of `localize` and `watch` that do not apply to this site."""
     site.check(target_precision)
     if odometry and not track and not site.gathers:
         raise ConfigError(f"--odometry {odometry}: needs --track")

@@ -1,7 +1,7 @@
-"""`yearloc serve` answers scans over the network: a program sends points and gets a pose back.
+"""`yearloc serve` localises scans over the network: a program sends points and gets a pose back.
 
 It opens a site (one file with all that it takes to localise in a place) and serves it over HTTP, or
-over Zenoh, a protocol of robots.
+over Zenoh, a protocol for robots.
 """
 
 import os
@@ -17,16 +17,23 @@ from pipeline.cli.kernels import tell_cold
 from pipeline.cli.options import BodyTLidar, SitePath, lidar_of, share_or_none
 from pipeline.core.errors import ConfigError, needed
 
-Port = Annotated[int, typer.Option(metavar="PORT", help="of HTTP")]
+Port = Annotated[int, typer.Option(metavar="PORT", help="The port that HTTP listens at")]
 Host = Annotated[
-    str, typer.Option(metavar="HOST", help="another one needs a token in YEARLOC_TOKEN")
+    str,
+    typer.Option(
+        metavar="HOST",
+        help="The address that HTTP listens at; an address that other machines reach needs a "
+        "token in YEARLOC_TOKEN",
+    ),
 ]
-Workers = Annotated[int, typer.Option(metavar="N", help="processes, one a core")]
+Workers = Annotated[
+    int, typer.Option(metavar="N", help="Processes that answer HTTP requests, at most one a core")
+]
 ZenohEndpoint = Annotated[
     str | None,
     typer.Option(
         metavar="ENDPOINT",
-        help="instead of HTTP: a peer or router, such as tcp/127.0.0.1:7447",
+        help="Serve over Zenoh instead of HTTP, by this peer or router, such as tcp/127.0.0.1:7447",
     ),
 ]
 ZenohTargetPrecision = Annotated[
@@ -34,12 +41,15 @@ ZenohTargetPrecision = Annotated[
     typer.Option(
         metavar="P",
         parser=share_or_none,
-        help="of --zenoh: what accepted fixes keep; over HTTP each request says it",
+        help="With --zenoh: accept only poses that are right with at least this probability; over "
+        "HTTP each request sets it",
     ),
 ]
 ZenohKey = Annotated[
     str,
-    typer.Option(metavar="KEY", help="scans of KEY/points are followed, fixes go to KEY/fix"),
+    typer.Option(
+        metavar="KEY", help="With --zenoh: read scans from KEY/points, put fixes on KEY/fix"
+    ),
 ]
 
 
@@ -53,13 +63,13 @@ def serve(
     body_T_lidar: BodyTLidar = None,
     key: ZenohKey = "yearloc",
 ) -> None:
-    """Answer over HTTP: POST /localize, /healthz, /metrics."""
+    """Localise scans over HTTP (POST /localize, GET /healthz, /metrics) or over Zenoh."""
     if zenoh:
         _serve_zenoh(path, zenoh, key, target_precision, body_T_lidar)
         return
     if body_T_lidar:
         raise ConfigError(
-            "--body-T-lidar: of --zenoh; over HTTP each request says it, ?body_T_lidar="
+            "--body-T-lidar: only with --zenoh; over HTTP each request gives it as ?body_T_lidar="
         )
     _serve_http(path, host, port, workers)
 
@@ -79,16 +89,16 @@ def _serve_http(path: Path, host: str, port: int, workers: int) -> None:
     online.check_reach(host, os.environ.get(online.TOKEN, ""))
     if workers < 1:
         raise ConfigError(f"--workers {workers}: expected at least 1")
-    met_precisions = read_either(path).description.verdict.reachable
+    target_precisions = read_either(path).description.verdict.reachable
     _check_port(host, port)
     # Each worker is a process of its own, which reads the site's path from the environment.
     os.environ[online.SITE] = str(path.resolve())
     with TemporaryDirectory() as metrics_folder:
         if workers > 1:
             os.environ["PROMETHEUS_MULTIPROC_DIR"] = metrics_folder
-        target_precisions = f"target precisions {', '.join(map(str, met_precisions)) or 'nothing'}"
         ready_line = (
-            f"serving {path} at http://{host}:{port}/localize, {target_precisions}; Ctrl-C stops it"
+            f"serving {path} at http://{host}:{port}/localize, target precisions "
+            f"{', '.join(map(str, target_precisions)) or 'none'}; Ctrl-C stops it"
         )
         print(ready_line, file=sys.stderr, flush=True)
         tell_cold()
@@ -117,7 +127,7 @@ def _check_port(host: str, port: int) -> None:
 def _serve_zenoh(
     path: Path, endpoint: str, key: str, target_precision: float | None, body_T_lidar: str | None
 ) -> None:
-    """Answer each scan on KEY/points by a fix, the pose found, on KEY/fix until interrupted.
+    """Answer each scan on KEY/points by a fix on KEY/fix until interrupted.
 
     Raises ConfigError if zenoh is not installed.
     """

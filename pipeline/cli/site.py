@@ -1,4 +1,4 @@
-"""`yearloc pack` makes a site file, and `yearloc export` frees one of torch.
+"""`yearloc pack` writes a site file; `yearloc export` makes a site that runs without torch.
 
 A site is one file with all that it takes to localise in a place: a study's model and map, or the
 map of a building for a level laser. An export is a site's network as ONNX, or a site that answers
@@ -18,20 +18,24 @@ from pipeline.core.errors import ConfigError
 
 
 def pack(
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE")],
+    out: Annotated[
+        Path, typer.Option("-o", "--out", metavar="FILE", help="The site file to write")
+    ],
     name: Annotated[
         str | None,
         typer.Argument(
             metavar="[STUDY/GRID/METHOD]",
-            help="such as campus/10m/sci_ring; a variant is METHOD-VARIANT",
+            help="A model of a study, such as campus/10m/sci_ring; a variant is METHOD-VARIANT",
         ),
     ] = None,
     level_map: Annotated[
         Path | None,
-        typer.Option("--map", metavar="MAP.yaml", help="instead: a Nav2 map, for a level laser"),
+        typer.Option(
+            "--map", metavar="MAP.yaml", help="Pack a Nav2 map for a level laser, not a model"
+        ),
     ] = None,
 ) -> None:
-    """One file of all that it takes to localise in a place."""
+    """Pack a model and its map into one site file, with all that localisation needs."""
     from pipeline.online.level_pack import pack_map
     from pipeline.online.pack import Packing, Trained
     from pipeline.studies.layout import Layout
@@ -49,12 +53,21 @@ def pack(
 
 def export(
     path: SitePath,
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE.onnx|FILE.site")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="FILE.onnx|FILE.site",
+            help="The file to write: the network alone, or a whole site that uses it",
+        ),
+    ],
     compact: Annotated[
-        bool, typer.Option("--compact", help="weights in 8 bits: a quarter of the size")
+        bool,
+        typer.Option("--compact", help="Store weights in 8 bits, a quarter of the size"),
     ] = False,
 ) -> None:
-    """A site's network as ONNX; or a site that answers through it, without torch."""
+    """Export a site's network as ONNX, or a site that runs it without torch."""
     from pipeline.online import export as networks
 
     check_file(out)

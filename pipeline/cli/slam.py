@@ -1,6 +1,6 @@
 """`yearloc slam` estimates the poses of a log from its scans alone.
 
-It writes them as a trajectory, and if asked a map of all points and a picture of the trajectory.
+It writes them as a trajectory, and optionally a map of all points and a picture of the trajectory.
 """
 
 import sys
@@ -23,33 +23,40 @@ def slam(
     log: Annotated[
         Path,
         typer.Argument(
-            metavar="LOG", help="a bag, the folder of a log, or one of clouds (.bin .npy .pcd)"
+            metavar="LOG",
+            help="A bag, the folder of a log, or a folder of clouds (.bin .npy .pcd)",
         ),
     ],
     out: Annotated[
         Path | None,
         typer.Option(
-            "-o", "--out", metavar="FILE", help="a TUM trajectory: stamp x y z qx qy qz qw"
+            "-o",
+            "--out",
+            metavar="FILE",
+            help="Write the poses to this file as a TUM trajectory: stamp x y z qx qy qz qw",
         ),
     ] = None,
     map_path: Annotated[
         Path | None,
-        typer.Option("--map", metavar="FILE", help="the points of all scans as a .pcd"),
+        typer.Option(
+            "--map", metavar="FILE", help="Write the points of all scans to this .pcd file"
+        ),
     ] = None,
     picture: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="the trajectory from above as a .png"),
+        typer.Option(metavar="FILE", help="Draw the trajectory from above into this .png file"),
     ] = None,
     topic: Topic = None,
     odometry: Annotated[
         str | None,
         typer.Option(
             metavar="TOPIC",
-            help="of a bag: poses that drift, or tf:PARENT>CHILD; none ignores what the log has",
+            help="Odometry of a bag, a topic of poses or tf:PARENT>CHILD; none ignores the "
+            "odometry that the log has",
         ),
     ] = None,
 ) -> None:
-    """Estimate the poses of a log that has none: odometry by registration, loops, a graph."""
+    """Estimate the poses of a log: odometry by registration, loop closures, a pose graph."""
     from pipeline.core.replacing import replace, write_text
     from pipeline.opening.opening import unposed
     from pipeline.slam import outputs

@@ -23,10 +23,9 @@ if TYPE_CHECKING:  # at run time these would slow the start of every command
     from pipeline.studies.study import Study
 
 OPTIONS = (
-    "names of files in conf/dataset, and root, log, split, train, tests, learned, methods, world, "
-    "budget, scale, experiment, seeds, variants, perturbed, cells, poses, paths, latency; without "
-    "any, "
-    "the studies in use"
+    "Data sets (files in conf/dataset) and options of their studies: root, log, split, train, "
+    "tests, learned, methods, world, budget, scale, experiment, seeds, variants, perturbed, cells, "
+    "poses, paths, latency; without any, the studies in use are written again"
 )
 
 
@@ -36,14 +35,17 @@ def use(
         some_words("DATASET|KEY=VALUE", OPTIONS),
     ],
     add: Annotated[
-        bool, typer.Option("--add", help="beside the studies that are listed already")
+        bool, typer.Option("--add", help="Keep the studies that are listed already")
     ] = False,
     keep: Annotated[
         bool,
-        typer.Option("--keep", help="leave a list of these data sets, worlds and budgets as it is"),
+        typer.Option(
+            "--keep",
+            help="Change nothing if the list has exactly these data sets, worlds and budgets",
+        ),
     ] = False,
 ) -> None:
-    """Choose data sets: check what is on disk, write conf/studies.yaml and conf/lists.yaml."""
+    """Choose data sets: check their files, write conf/studies.yaml and conf/lists.yaml."""
     from pipeline.studies.proposal import propose
     from pipeline.studies.studies_file import refuse_unknown
 
@@ -120,7 +122,7 @@ def _write(conf: Path, studies: "Mapping[str, Study]") -> None:
 
 
 def methods() -> None:
-    """What can be compared: each method, what it looks at, and where it comes from."""
+    """List the methods that can be compared, with the view that each uses and its source."""
     from pipeline.studies.catalogue import entries, listing, table
 
     catalogue = entries(conf_folder())

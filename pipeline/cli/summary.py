@@ -1,6 +1,6 @@
-"""The summary that `localize` and `watch` print at the end: verdicts, times, errors and losses.
+"""The summary that `localize` and `watch` print at the end: verdicts, times, errors, lost scans.
 
-A fix is the pose that was found for a scan, with a verdict on what of it to believe.
+A fix is the pose that was found for a scan, with a verdict that says whether to accept it.
 """
 
 import sys
@@ -19,7 +19,7 @@ PRINTED_VERDICTS = ("accepted", "near", "ambiguous", "rejected", "no pose")
 
 
 class Summary:
-    """Counts over all scans of a command: verdicts, times, and whether accepted fixes are right."""
+    """Counts over all scans of a command: verdicts, times, and right fixes among the accepted."""
 
     def __init__(self, tolerances: "Tolerances") -> None:
         """`tolerances` are those of the site: how far a right pose may be off."""
@@ -27,7 +27,7 @@ class Summary:
         self.verdicts: Counter[str] = Counter()
         """Counts of the localised scans by the verdict on their fix."""
         self.broken: list[str] = []
-        """For each scan that could not be read, why."""
+        """For each scan that could not be read, the reason."""
         self.skipped: Counter[str] = Counter()
         """Counts of the scans that a log or bag leaves out, by reason."""
         self.dropped = 0
@@ -35,7 +35,7 @@ class Summary:
         self.steps = Counter[bool]()
         """Counts of a tracker's steps: True by odometry, False by constant motion."""
         self._took_ms: list[float] = []
-        """How long each scan took, in their order."""
+        """The time that each scan took, in their order."""
         self._rightness = Counter[bool]()
         """Counts of the accepted fixes with a known true pose, by whether they are right."""
 
@@ -59,7 +59,7 @@ class Summary:
         print(self.text(), file=sys.stderr)
 
     def text(self) -> str:
-        """The summary's lines: verdicts and times, then what else there is to say."""
+        """The summary's lines: verdicts and times, then errors, steps and scans left out."""
         lines = [self._verdict_line()]
         if self._rightness:
             right_m, right_deg = self.tolerances.right_within
@@ -83,8 +83,8 @@ class Summary:
     def _verdict_line(self) -> str:
         """How many scans got each verdict, and how long they took.
 
-        The first scan, which also waits for loading and compiling, is timed only if it is the only
-        one.
+        The first scan also waits for loading and compiling, so its time counts only if there is no
+        other scan.
         """
         import numpy as np
 

@@ -1,5 +1,4 @@
-"""`yearloc update` teaches a site a later day: it reads a site file and a log, and writes a new
-site.
+"""`yearloc update` makes a site learn a later day: a site and a log in, the updated site out.
 
 A site is one file with all that it takes to localise in a place. `lifelong.pseudo_labels` decides
 which scans of the log are learned, and at which poses; `lifelong.update` adds them to the site.
@@ -32,12 +31,12 @@ if TYPE_CHECKING:  # at run time these would slow the start of every command
 POSES_OF_LOG = "log"
 """The word after `--poses` for the poses that the log itself has."""
 REFERENCE_GAP_S = 1.0
-"""Surveyed poses are not interpolated over gaps that are longer than this."""
+"""Reference poses are not interpolated over longer gaps than this."""
 
 LogPath = Annotated[
     str,
     typer.Argument(
-        metavar="LOG", help="a log, a bag or a folder of scans, as of localize; one drive"
+        metavar="LOG", help="One drive: a log, a bag or a folder of scans, as for localize"
     ),
 ]
 Out = Annotated[
@@ -46,7 +45,7 @@ Out = Annotated[
         "-o",
         "--out",
         metavar="FILE",
-        help="the updated site; without it, only what would be learned is reported",
+        help="Write the updated site to this file; without it, only report what would be learned",
     ),
 ]
 ReferencePoses = Annotated[
@@ -54,14 +53,21 @@ ReferencePoses = Annotated[
     typer.Option(
         "--poses",
         metavar="FILE",
-        help="reference poses of the scans, TUM's columns; or the word log: the log's own",
+        help="Learn all scans at the reference poses of this TUM trajectory, or with the word log "
+        "at the log's own poses; by default at the site's own fixes",
     ),
 ]
 LearnedTargetPrecision = Annotated[
-    float, typer.Option(metavar="SHARE", help="that a fix must keep to be learned")
+    float,
+    typer.Option(
+        metavar="P",
+        help="Without --poses: learn a scan only at a fix that is right with at least this "
+        "probability, as calibrated on validation blocks",
+    ),
 ]
 BagOdometry = Annotated[
-    str | None, typer.Option(metavar="TOPIC", help="of a bag: poses, or tf:PARENT>CHILD")
+    str | None,
+    typer.Option(metavar="TOPIC", help="Odometry of a bag, a topic of poses or tf:PARENT>CHILD"),
 ]
 
 
@@ -75,7 +81,7 @@ def update(
     topic: Topic = None,
     odometry: BagOdometry = None,
 ) -> None:
-    """Learn a later day: new places from reference poses, changes from the site's own fixes."""
+    """Make a site learn a later day, by reference poses (also new places) or by its own fixes."""
     from pipeline.lifelong.update import planned
     from pipeline.online import site_file
     from pipeline.online.site import Site
@@ -112,9 +118,9 @@ def _pseudo_labels(
 ) -> "PseudoLabels":
     """Choose the scans that the site learns, each with its pose.
 
-    If `poses` is given, the poses are reference poses: in that file, or of the log itself. Else
-    they are the site's own fixes that reach the target precision, a precision. Raises
-    NoPseudoLabelsError if no scan has such a pose.
+    If `poses` is given, these are the reference poses in that file or of the log itself. Otherwise
+    they are the site's own fixes that reach the target precision. Raises NoPseudoLabelsError if no
+    scan has such a pose.
     """
     from pipeline.core.frames import Trajectory
     from pipeline.lifelong import pseudo_labels
@@ -131,7 +137,7 @@ def _pseudo_labels(
 
 
 def _write(out: Path, path: Path, log: str, site: "Site", parts: "Parts", update: "Update") -> None:
-    """Grow the site of `path`, write it to `out`, and print what it has become."""
+    """Update the site of `path`, write it to `out`, and print its places, size and thresholds."""
     from pipeline.lifelong.update import updated
     from pipeline.online import site_file
     from pipeline.online.description import first_day_words

@@ -26,14 +26,17 @@ from pipeline.cli.scan_options import check_site, scan_options, scans_or_followe
 from pipeline.cli.summary import Summary
 from pipeline.core.errors import ConfigError
 
-LogPath = Annotated[str, typer.Argument(metavar="LOG", help="as of localize")]
+LogPath = Annotated[
+    str, typer.Argument(metavar="LOG", help="A log, a bag or a folder of scans, as for localize")
+]
 Save = Annotated[
     Path | None,
     typer.Option(
-        metavar="FILE.rrd", help="instead of opening the viewer; or FILE.mcap for Foxglove"
+        metavar="FILE.rrd",
+        help="Write this file for rerun, or FILE.mcap for Foxglove, instead of opening the viewer",
     ),
 ]
-Every = Annotated[int, typer.Option(metavar="N", help="only every N-th scan")]
+Every = Annotated[int, typer.Option(metavar="N", help="Show only every N-th scan")]
 
 
 def watch(
@@ -49,7 +52,7 @@ def watch(
     idle: Idle = 10.0,
     every: Every = 1,
 ) -> None:
-    """See a drive on the map, from behind the robot, with verdicts: rerun's viewer, or a file."""
+    """Show a drive on the map with the verdicts, in rerun's viewer or as a file."""
     from pipeline.online import foxglove
     from pipeline.online import watch as rerun
     from pipeline.online.localized import localized, tracker_of

@@ -1,1 +1,1 @@
-"""Learning further days: a site that grows, and the study of how localisers do (METHODS 11)."""
+"""Incremental learning: updates of a site, and the comparison of strategies (METHODS 11)."""

@@ -1,6 +1,6 @@
-"""Courses: the days that a model of a study learns, and the localiser after each of them.
+"""The days that a model of a study learns, and the localiser after each of them.
 
-The stage `lifelong` runs a course in one of three orders (METHODS 11.4):
+The stage `lifelong` runs the steps of one of three orders (METHODS 11.4):
 
 - `days`: days with reference poses, one after the other;
 - `streets`: the training day in parts;
@@ -39,9 +39,9 @@ def learned(
 ) -> Iterator[Step]:
     """The localiser after each step of an order, in which one model of a study learns.
 
-    `trained` are the model and the artifacts of its first day; those of the `later_days` lie beside
-    them. `strategy` says how a step is learned (strategies.py). The first day is trained already,
-    but in the order `streets`, where its first split is to be trained. For `self_training` the
+    `trained` are the model and the artifacts of its first day; the artifacts of the `later_days`
+    are beside them. `strategy` says how a step is learned (strategies.py). The first day is trained
+    already, except in the order `streets`, which trains its first part here. For `self_training` the
     model is first packed into a site, in the folder `scratch`.
     """
     if order == "self_training":
@@ -62,10 +62,10 @@ def learned(
 
 
 def drive(trained: Trained, sequence: str) -> list[Scan]:
-    """The scans of a day as a site is asked about them in order; each submap is one scan.
+    """The scans of a day in their order, for a site to localise; each submap is one scan.
 
-    They have odometry, and their true poses, by which errors are counted and nothing else is done.
-    Points are read only when asked for.
+    They have odometry, and true poses, which are only used to count errors. Points are read only
+    when they are needed.
     """
     scans = store.read(trained.scans.parent / f"{sequence}.zarr", schemas.Scans)
     submaps = store.read(trained.submaps.parent / f"{sequence}.zarr", schemas.Submaps)

@@ -1,12 +1,10 @@
-"""Pseudo-labelling: which scans of a later day a site is to learn, and at which poses (METHODS
-11.2).
+"""Pseudo-labels: the scans of a later day that a site learns, and their poses (METHODS 11.2).
 
-With reference poses, scans are pseudo-labelled at these. Without them, the site localises the drive
-itself:
+With reference poses, scans are labelled by these. Without them, the site labels the drive itself:
 
-1. Follow the drive through the site, once as it came and once backwards.
-2. Take for each scan the surer of its two fixes, if it reaches the target precision.
-3. Fill the gaps between two fixes by odometry, where it leads from the one to the other.
+1. Track the robot through the drive, once forwards and once backwards.
+2. For each scan, take the more probable of its two fixes, if it is accepted.
+3. Fill the gaps between accepted fixes by odometry, if it agrees with both ends of a gap.
 4. Thin the scans that have a pose to one every STEP_M.
 
 update.py then makes the site learn these scans.
@@ -29,7 +27,7 @@ from pipeline.posing.registration import Points
 from pipeline.posing.verdict import OF_SCANS
 
 STEP_M = 0.8
-"""Adopted scans are at least this far apart: a little less than two submaps are."""
+"""The least distance between two pseudo-labelled scans, a little less than between submaps."""
 
 
 class NoPseudoLabelsError(LogError):
@@ -38,26 +36,25 @@ class NoPseudoLabelsError(LogError):
 
 @dataclass(frozen=True)
 class PseudoLabels:
-    """Scans of one day that a site is to learn, a row each."""
+    """The scans of one day that a site is to learn, with their poses."""
 
     points: tuple[Points, ...]
-    """(n, 3) each: x forward, y left, z up from the ground, in metres."""
+    """(n, 3) of each scan: x forward, y left, z up from the ground, in metres."""
     stamps_ns: Stamps
     world_T_scan: Poses
-    """(scan, 4, 4) the poses that they are learned at."""
+    """(scan, 4, 4) the pose of each scan."""
     probability: NDArray[np.float64]
     """(scan,) the probability that the pose is right; 1 for a reference pose."""
     wrong: NDArray[np.bool_]
-    """(scan,) True where the pose is over 2 m or 5° off the log's true one; False if unknown."""
-    has_reference_poses: bool
-    """Whether the poses are reference poses: only these can bring places that the site does not
-    have.
+    """(scan,) True if the pose is over 2 m or 5° off the log's true pose; False if it is unknown.
     """
+    has_reference_poses: bool
+    """Whether the poses are reference poses; only these can add new places to the site."""
     scan_count: int
     """The number of all scans of the day, pseudo-labelled or not."""
 
     def views(self, site: Site) -> Rows:
-        """What the site's method sees in each scan."""
+        """The scans as views of the site's method."""
         return Rows(
             np.stack([site.view(points_m) for points_m in self.points]),
             self.stamps_ns,
@@ -68,10 +65,10 @@ class PseudoLabels:
 def from_site(
     site: Site, scans: Sequence[Scan], target_precision: float | None = 0.99
 ) -> PseudoLabels:
-    """Pseudo-label scans of one drive at the site's own fixes, where these keep a target precision.
+    """Pseudo-label scans of one drive by the site's own fixes that are accepted.
 
-    Without a target precision every fix that has a pose will do. Raises NoPseudoLabelsError where
-    no scan is pseudo-labelled, or the site has no threshold for the target precision.
+    Without a target precision, every fix with a pose is used. Raises NoPseudoLabelsError if no scan
+    is pseudo-labelled, or if the site has no threshold for the target precision.
     """
     if target_precision is not None and target_precision not in site.target_precisions:
         raise NoPseudoLabelsError(
@@ -85,19 +82,19 @@ def from_site(
     for row, two_fixes in enumerate(zip(forwards, backwards, strict=True)):
         accepted_fixes = [fix for fix in two_fixes if accepts(fix, target_precision)]
         if accepted_fixes:
-            surer_fix = min(accepted_fixes, key=lambda fix: fix.novelty)
-            poses[row] = surer_fix.world_T_sensor
-            probability[row] = surer_fix.probability
+            likelier_fix = min(accepted_fixes, key=lambda fix: fix.novelty)
+            poses[row] = likelier_fix.world_T_sensor
+            probability[row] = likelier_fix.probability
     odom_T_scan = np.array([scan.odom_T_scan for scan in scans]).reshape(-1, 4, 4)
     bridge(poses, probability, odom_T_scan)
     return spaced_labels(scans, poses, probability, False, "no fix is accepted")
 
 
 def with_reference_poses(scans: Sequence[Scan], poses: Trajectory | None = None) -> PseudoLabels:
-    """Pseudo-label the scans of a drive at the reference poses.
+    """Label the scans of a drive by reference poses.
 
     These are `poses` at the stamps of the scans, or the log's own true poses. Raises
-    NoPseudoLabelsError where no scan has one.
+    NoPseudoLabelsError if no scan has a reference pose.
     """
     if poses is None:
         world_T_scan = np.array([scan.world_T_scan for scan in scans]).reshape(-1, 4, 4)
@@ -110,24 +107,23 @@ def with_reference_poses(scans: Sequence[Scan], poses: Trajectory | None = None)
 
 
 def followed(site: Site, scans: Sequence[Scan], target_precision: float | None) -> list[Fix]:
-    """The fix of each scan, by a tracker that follows them in this order."""
+    """The fix of each scan, by a tracker that gets the scans in this order."""
     tracker = Tracker(site, target_precision or min(site.target_precisions, default=None))
     return [tracker.follow(scan, scan.points()) for scan in scans]
 
 
 def accepts(fix: Fix, target_precision: float | None) -> bool:
-    """Whether a scan may be pseudo-labelled at a fix: it is accepted, or if no target precision is
-    asked, a pose."""
+    """Whether a scan may be labelled by a fix: it is accepted or, without a target precision, has a
+    pose."""
     return fix.verdict == "accepted" if target_precision else fix.verdict != "no pose"
 
 
 def bridge(poses: Poses, probability: NDArray[np.float64], odom_T_scan: Poses) -> None:
-    """Fill gaps (NaN) in poses (n, 4, 4), and their probabilities (n,), by odometry (n, 4, 4), in
-    place.
+    """Fill gaps (NaN) in poses (n, 4, 4) and their probabilities (n,) in place, by odometry.
 
-    A gap is filled where odometry leads from the pose before it to the one after it within 2 m and
-    5°. What it is off is spread over the path. The probability of a filled pose is that of the less
-    sure end.
+    `odom_T_scan` (n, 4, 4) are the poses by odometry. A gap is filled if odometry from the pose
+    before it reaches the pose after it within 2 m and 5°; the difference is spread over the path. A
+    filled pose gets the smaller probability of the two ends.
     """
     posed_rows = np.flatnonzero(np.isfinite(poses).all((1, 2)))
     for first, last in zip(posed_rows[:-1].tolist(), posed_rows[1:].tolist(), strict=True):
@@ -143,9 +139,9 @@ def bridge(poses: Poses, probability: NDArray[np.float64], odom_T_scan: Poses) -
 
 
 def _corrected(path: Poses, last: Poses) -> Poses:
-    """A path (n, 4, 4) of odometry, bent in proportion to its length to end at `last` (4, 4)."""
+    """A path (n, 4, 4) of odometry, corrected in proportion to its length to end at `last` (4, 4)."""
     path_m = travelled_m(path[:, :3, 3])
-    share = path_m / max(path_m[-1], 1e-9)  # a robot that stood still gets none
+    share = path_m / max(path_m[-1], 1e-9)  # 0 for a robot that stood still
     correction = last @ np.linalg.inv(path[-1])
     turns = Slerp([0, 1], Rotation.from_matrix([np.eye(3), correction[:3, :3]]))(share)
     shift_m = (correction @ path)[:, :3, 3] - path[:, :3, 3]
@@ -162,11 +158,10 @@ def spaced_labels(
     has_reference_poses: bool,
     reason: str,
 ) -> PseudoLabels:
-    """Pseudo-label the scans that have a pose (n, 4, 4) and lie STEP_M or more from the last
-    pseudo-labelled one.
+    """Label the scans that have a pose (n, 4, 4), thinned to one every STEP_M.
 
-    `probability` (n,) is that of the poses. Raises NoPseudoLabelsError with the reason where no
-    scan has a pose.
+    `probability` (n,) belongs to the poses. Raises NoPseudoLabelsError with the reason if no scan
+    has a pose.
     """
     rows: list[int] = []
     for row in np.flatnonzero(np.isfinite(poses).all((1, 2))).tolist():

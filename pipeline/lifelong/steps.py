@@ -1,8 +1,8 @@
-"""Steps of learning: further days go in, the localiser after each of them comes out (METHODS 11.4).
+"""Steps of learning: further days in, the localiser after each of them out (METHODS 11.4).
 
-`supervised` makes a method learn days whose poses are known, by a strategy (strategies.py).
-`self_trained` lets a site learn drives by itself. `record` asks each localiser about days that are
-never learned, and makes of its answers the `Lifelong` artifact that the stage `lifelong` writes.
+`supervised` makes a method learn days with known poses, by a strategy (strategies.py).
+`self_trained` lets a site learn drives by its own pseudo-labels. `record` queries each localiser
+with days that are never learned, and returns the results as the `Lifelong` artifact.
 """
 
 import time
@@ -29,10 +29,10 @@ from pipeline.online.inputs import Scan
 from pipeline.online.site import Site
 
 STREETS = 4
-"""The training day is cut into so many parts, to be learned one after the other as InCloud's steps
-are (Knights et al., IROS 2022)."""
+"""The number of parts of the training day that are learned one after the other, like the steps of
+InCloud (Knights et al., IROS 2022)."""
 K = 25
-"""So many places are ranked for each query."""
+"""How many places are ranked for each query."""
 
 
 @dataclass(frozen=True)
@@ -43,20 +43,20 @@ class Step:
     """The day, or the part of a day."""
     localizer: Localizer
     places: Places
-    """The places covered by then, whether the localiser learned them or not."""
+    """The places covered so far, whether the localiser learned them or not."""
     newest_ns: NDArray[np.int64]
-    """(place,) the stamp of the newest view of each place by then."""
+    """(place,) the stamp of the newest view of each place so far."""
     bytes: int
     """The size of the model's arrays."""
     cpu_s: float
     """CPU seconds that learning the day took."""
     counts: Mapping[str, int] = field(default_factory=dict)
-    """After an update: how many scans were `queried`, `pseudo_labelled`, pseudo-labelled at a
-    `wrong` pose, and how many submaps `changed`."""
+    """After an update: the numbers of scans that were `queried`, `pseudo_labelled`, and labelled by
+    a `wrong` pose, and of submaps that `changed`."""
 
 
 def streets(name: str, views: Rows) -> dict[str, Rows]:
-    """The views of the day `name`, cut into STREETS parts of equal length of path, by part."""
+    """The views of the day `name`, cut into STREETS parts with equal lengths of path, by name."""
     path_m = travelled_m(views.world_T_anchor[:, :2, 3])
     ends = np.searchsorted(path_m, path_m[-1] * np.arange(1, STREETS) / STREETS)
     edges = [0, *ends, len(path_m)]
@@ -77,8 +77,8 @@ def supervised(
 ) -> Iterator[Step]:
     """The localiser after each of the days, given by name, whose poses are known.
 
-    `first_model` has learned the first day already; without one it is learned here. `places` are
-    those at the start: the first day's, or none without a first model.
+    `first_model` has learned the first day already; without it, the first day is learned here.
+    `places` are the places at the start: the first day's, or none without a first model.
     """
     model: Model = {}
     learned_views: TrainingSet | None = None
@@ -114,9 +114,10 @@ def newest_ns(views: TrainingSet) -> NDArray[np.int64]:
 def self_trained(
     path: Path, strategy: SelfTrained, drives: Mapping[str, Sequence[Scan]], progress: Progress
 ) -> Iterator[Step]:
-    """The localiser of the site at `path`, then that after each drive that it learned by itself.
+    """The localiser of the site at `path`, then the localiser after each drive that it learned.
 
-    A drive of which it believes nothing leaves it as it is. The steps are named as the drives.
+    The site labels the drives itself; a drive without an accepted fix leaves it as it is. The steps
+    have the names of the drives.
     """
     parts = site_file.read(path, views=True)
     site = Site(parts, threads=2)
@@ -148,7 +149,7 @@ def _of_site(
     cpu_s: float,
     counts: Mapping[str, int] | None = None,
 ) -> Step:
-    """The step at whose end is this site, opened from `parts`."""
+    """The step that ends with this site, which was opened from `parts`."""
     return Step(
         name,
         site.localizer,
@@ -221,14 +222,15 @@ def record(
 
 
 def line(lifelong: Lifelong) -> str:
-    """Sum the results up in a line: the share of right answers after the first and last step.
+    """Summarise the results in a line: the share of right answers after the first and last step.
 
-    It is of the queries whose place was covered in some step.
+    Only queries count whose place was covered in some step.
     """
-    knowable = lifelong.known_from >= 0
-    first = float(lifelong.right[0, knowable].mean())
-    last = float(lifelong.right[-1, knowable].mean())
+    is_covered = lifelong.known_from >= 0
+    first = float(lifelong.right[0, is_covered].mean())
+    last = float(lifelong.right[-1, is_covered].mean())
     return (
-        f"{len(lifelong.steps)} steps to {lifelong.places[-1]} places: of {knowable.sum()} queries "
-        f"that can be known {first:.3f} right at first, {last:.3f} at last"
+        f"{len(lifelong.steps)} steps to {lifelong.places[-1]} places: of {is_covered.sum()} "
+        f"queries in learned places {first:.3f} right after the first step, {last:.3f} after the "
+        "last"
     )

@@ -1,8 +1,8 @@
-"""Strategies: what to do with a model when a further day is to be learned (METHODS 11.4).
+"""Strategies: how a model learns a further day (METHODS 11.4).
 
-The model, the views that it learned and those of the new day go in; the next model comes out. The
-last strategy, `SelfTrained`, is for sites that learn drives by themselves: it says which scans of a
-drive they pseudo-label.
+The model, the views that it learned and the views of the new day go in; the next model comes out.
+The last strategy, `SelfTrained`, is for sites that learn drives without reference poses: it says
+which scans of a drive they pseudo-label.
 """
 
 from collections.abc import Mapping
@@ -32,7 +32,7 @@ class Frozen:
 
 @dataclass(frozen=True)
 class Joint:
-    """Trains a new model on all days, which is the most that growth could reach."""
+    """Trains a new model on all days: the upper bound of incremental learning."""
 
     def learn(
         self,
@@ -51,7 +51,7 @@ class Incremental:
     """Lets the model learn the new day without forgetting the earlier ones."""
 
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """The settings of the method that are changed for growth."""
+    """The settings of the method that differ for incremental learning."""
 
     def learn(
         self,
@@ -61,18 +61,18 @@ class Incremental:
         new_views: TrainingSet,
         progress: Progress,
     ) -> Model:
-        """Grow the model by the new views."""
-        incremental: Model = replace(method, **self.settings).extend(
+        """Extend the model by the new views."""
+        extended: Model = replace(method, **self.settings).extend(
             model, learned_views, new_views, progress
         )
-        return incremental
+        return extended
 
 
 @dataclass(frozen=True)
 @checked("strategy")
 class SelfTrained:
-    """Lets a site pseudo-label what it localises of a day without reference poses."""
+    """Lets a site pseudo-label the scans of a day without reference poses by its own fixes."""
 
     target_precision: SomeShare | None
-    """The target precision at which a fix is pseudo-labelled; None pseudo-labels every scan with a
-    pose."""
+    """Scans are labelled by the fixes that are accepted at this target precision; with None, by
+    every fix that has a pose."""

@@ -1,11 +1,9 @@
-"""Growth: pseudo-labelled scans of a later day and a site go in, the updated site comes out
-(METHODS 11).
+"""Updates a site: a site and pseudo-labelled scans in, the updated site out (METHODS 11).
 
 `planned` says what the site would learn; `updated` learns it:
 
 - The site's method learns the views of the scans.
-- In the map, a scan takes the place of each submap that scans contradict, and scans of new places
-  are added.
+- In the map, a scan replaces each submap that scans contradict, and scans of new places are added.
 """
 
 from dataclasses import dataclass, replace
@@ -23,8 +21,7 @@ from pipeline.matching.rejection import VALIDATION
 from pipeline.online.pack import learned_from
 from pipeline.online.site import ROOTS, Site
 from pipeline.online.site_file import Arrays, Parts
-from pipeline.online.site_json import Increments as SiteIncrements
-from pipeline.online.site_json import LearnedDay, SiteDescription
+from pipeline.online.site_json import Increments, LearnedDay, SiteDescription
 from pipeline.posing.changes import contradicted, usual_contradiction
 from pipeline.posing.targets import thinned
 
@@ -35,39 +32,39 @@ class Update:
 
     pseudo_labels: PseudoLabels
     places: Places
-    """The site's places after growth."""
+    """The site's places after the update."""
     scan_places: NDArray[np.int64]
     """(scan,) the place of each pseudo-labelled scan; −1 outside all places."""
     changed: dict[int, int]
-    """For each submap that scans contradict, its number and that of the scan that replaces it."""
+    """The number of each submap that scans contradict, to the number of the scan that replaces it.
+    """
     added: NDArray[np.int64]
     """The numbers of the scans of new places, which are added to the map."""
 
     @property
     def used(self) -> NDArray[np.int64]:
-        """The numbers of the pseudo-labelled scans that lie in some place, which the method
-        learns."""
+        """The numbers of the pseudo-labelled scans that lie in a place; the method learns these."""
         return np.flatnonzero(self.scan_places >= 0)
 
     def line(self, site: Site) -> str:
         """Describe the plan in a line."""
         pseudo_labels = self.pseudo_labels
         place_count = len(site.places.cells)
-        way = "with reference poses" if pseudo_labels.has_reference_poses else "pseudo-labelled"
+        label = "with reference poses" if pseudo_labels.has_reference_poses else "pseudo-labelled"
         wrong = ""
         if pseudo_labels.wrong.any():
             wrong = f", {pseudo_labels.wrong.sum()} of them wrong by the log's own poses"
         places = f"{len(self.places.cells) - place_count} new places beside {place_count}"
         return (
-            f"{len(self.used)} of {pseudo_labels.scan_count} scans {way}{wrong}; {places}; "
+            f"{len(self.used)} of {pseudo_labels.scan_count} scans {label}{wrong}; {places}; "
             f"{len(self.changed)} submaps have changed"
         )
 
 
 def planned(site: Site, pseudo_labels: PseudoLabels) -> Update:
-    """Plan what a site can learn of pseudo-labelled scans. Reference poses may bring new places.
+    """Plan what a site can learn from labelled scans. Only reference poses add new places.
 
-    Raises NoPseudoLabelsError where no scan lies in a place.
+    Raises NoPseudoLabelsError if no scan lies in a place.
     """
     xy_m = pseudo_labels.world_T_scan[:, :2, 3]
     places = site.places.extended(xy_m) if pseudo_labels.has_reference_poses else site.places
@@ -76,8 +73,7 @@ def planned(site: Site, pseudo_labels: PseudoLabels) -> Update:
     if (scan_places < 0).all():
         raise NoPseudoLabelsError(
             f"nothing to learn of {pseudo_labels.scan_count} scans: those pseudo-labelled lie in "
-            "no place of "
-            "the site"
+            "no place of the site"
         )
     usual_share = usual_contradiction(site.targets, walls)
     changed = contradicted(
@@ -90,11 +86,11 @@ def planned(site: Site, pseudo_labels: PseudoLabels) -> Update:
 def updated(site: Site, parts: Parts, update: Update, name: str, progress: Progress) -> Parts:
     """The parts of a site after it learned the day `name`, as `update` plans it.
 
-    `parts` are those that the site was opened from, with its views. Raises ConfigError for a site
-    that cannot be updated.
+    `parts` are the parts that the site was opened from, with its views. Raises ConfigError for a
+    site that cannot be updated.
     """
     description = parts.description
-    earlier_update = _update(description)
+    increments = _increments(description)
     views = parts.views
     used_scans = update.used
 
@@ -107,7 +103,7 @@ def updated(site: Site, parts: Parts, update: Update, name: str, progress: Progr
     model = method.extend({**parts.model, **validation}, learned, new_views, progress)
 
     # all views are kept for the next update
-    day_number = len(earlier_update.days)
+    day_number = len(increments.days)
     update_views = dict(learned_from(Rows.joined([learned.views, new_views.views]), model))
     update_views["days"] = np.concatenate([views["days"], np.full(len(used_scans), day_number)])
     update_views["probabilities"] = np.concatenate(
@@ -119,7 +115,7 @@ def updated(site: Site, parts: Parts, update: Update, name: str, progress: Progr
     updated_description = replace(
         description,
         places=update.places.grid,
-        incremental_learning=replace(earlier_update, days=(*earlier_update.days, day)),
+        incremental_learning=replace(increments, days=(*increments.days, day)),
     )
     updated_arrays = {
         **updated_map(site, parts, update),
@@ -133,23 +129,20 @@ def updated(site: Site, parts: Parts, update: Update, name: str, progress: Progr
 def learned_views(site: Site, parts: Parts) -> TrainingSet:
     """The views that a site has learned, each with its place.
 
-    `parts` are those that the site was opened from.
+    `parts` are the parts that the site was opened from.
     """
     views = Rows(*(parts.views[key] for key in ("images", "stamps_ns", "world_T_anchor")))
     return TrainingSet(views, site.places.at(views.world_T_anchor[:, :2, 3]))
 
 
 def updated_map(site: Site, parts: Parts, update: Update) -> Arrays:
-    """The map after growth: without the changed submaps, and with the scans that replace them.
-
-    Scans of new places are added too.
-    """
+    """The map after an update: changed submaps are replaced, and scans of new places are added."""
     arrays = parts.arrays
     offsets = arrays["offsets"]
     submaps = np.setdiff1d(np.arange(len(arrays["world_T_anchor"])), list(update.changed))
     added_scans = np.unique([*update.changed.values(), *update.added]).astype(np.int64)
     range_m = parts.description.map.range_m
-    voxel_m = _update(parts.description).voxel_m
+    voxel_m = _increments(parts.description).voxel_m
     points = [arrays["points"][offsets[row] : offsets[row + 1]] for row in submaps]
     for scan in added_scans:
         scan_points = thinned(update.pseudo_labels.points[scan], range_m, voxel_m)
@@ -162,8 +155,8 @@ def updated_map(site: Site, parts: Parts, update: Update) -> Arrays:
     }
 
 
-def _update(description: SiteDescription) -> SiteIncrements:
-    """What a site needs to grow. Raises ConfigError for an exported one, which lacks it."""
+def _increments(description: SiteDescription) -> Increments:
+    """What a site needs to learn; raises ConfigError for an exported site, which lacks it."""
     if description.incremental_learning is None:
         raise ConfigError(
             f"{description.name}: an exported site cannot be updated; update the site that it "

@@ -1,1 +1,1 @@
-"""A site, which localises scans on a robot: packed, asked, followed, served, shown (METHODS 10)."""
+"""A site localises scans on a robot: packing, localising, tracking, serving (METHODS 10)."""

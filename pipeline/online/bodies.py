@@ -13,14 +13,14 @@ FLOATS = "application/octet-stream"
 CDR = "application/cdr"
 """The content type of a sensor_msgs/PointCloud2, serialised as ROS 2 sends it."""
 LARGEST_BYTES = 32 * 2**20
-"""A longer body is refused; this is 2.7 million points."""
+"""The largest body that is accepted: 2.7 million points."""
 
 
 def points(body: bytes, kind: str) -> tuple[int | None, NDArray[np.float64]]:
     """Decode a body of the content type `kind`: its stamp in ns, and its points (n, 3) in metres.
 
-    The stamp is None if the body has none; any type but CDR is read as FLOATS. Raises LogError for
-    a body that is no scan.
+    The stamp is None if the body has no stamp; any type but CDR is read as FLOATS. Raises LogError
+    for a body that is no scan.
     """
     if len(body) > LARGEST_BYTES:
         raise LogError(f"a scan of more than {LARGEST_BYTES:,} bytes")

@@ -15,14 +15,14 @@ from pipeline.online.tracking import Tracker
 from pipeline.readers.log import raised
 
 CONNECT_MS = 5000
-"""A peer or router that does not answer within this is not there."""
+"""How long a peer or router may take to answer, in milliseconds."""
 
 
 def connected(endpoint: str, how: str = "connect") -> zenoh.Session:
     """Open a session with one peer or router, at an endpoint such as tcp/127.0.0.1:7447.
 
-    No other peer on the network is looked for. `how` is `connect`, or `listen` to wait for one.
-    Raises ConfigError where nobody answers.
+    No other peer on the network is looked for. `how` is `connect`, or `listen` to wait for a peer.
+    Raises ConfigError if nobody answers.
     """
     config = zenoh.Config()
     if "/" not in endpoint:
@@ -47,11 +47,11 @@ def run(
     tell: Callable[[str], None],
     body_T_lidar: Poses | None = None,
 ) -> None:
-    """Follow the robot by the scans that come in, until the session is closed.
+    """Track the robot by the scans that come in, until the session is closed.
 
-    `ready` is called before the first scan, `tell` with a line for each. While a scan is localised
-    only the newest one waits; older ones are dropped. Points are placed in the robot by
-    `body_T_lidar` (4, 4); by default they are raised as those that the site was learned with.
+    `ready` is called before the first scan, `tell` with a line for each scan. While a scan is
+    localised, only the newest scan waits; older scans are dropped. Points are transformed to the
+    robot's frame by `body_T_lidar` (4, 4); by default they are raised like the training scans.
     """
     if body_T_lidar is None:
         body_T_lidar = raised(site.description.sensor.lift_m)

@@ -1,5 +1,4 @@
-"""Describes a site file for `yearloc inspect`: what it holds, its target precisions, and what it
-was made of."""
+"""Describes a site file for `yearloc inspect`: content, target precisions and provenance."""
 
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from pipeline.posing.verdict import Verdict
 def describe(path: Path) -> Inspection:
     """Describe the site in a file.
 
-    Raises ArtifactError for a file that is no whole site.
+    Raises ArtifactError for a file that is not a whole site.
     """
     parts = read_either(path)
     return _level(path, parts) if isinstance(parts, LevelParts) else _site(path, parts)
@@ -93,9 +92,9 @@ def _level(path: Path, parts: LevelParts) -> Inspection:
 
 
 def first_day_words(description: SiteDescription) -> str:
-    """Words that name the day on whose validation queries an updated site's promises rest.
+    """A note that an updated site's thresholds come from validation blocks of its first day.
 
-    They are empty for a site that has not been updated.
+    It is empty for a site that has not been updated.
     """
     days = () if description.incremental_learning is None else description.incremental_learning.days
     return f"; all of {days[0].day}, not of the days since" if len(days) > 1 else ""
@@ -115,19 +114,19 @@ def _target_rows(verdict: Verdict) -> list[tuple[str, str]]:
     """A row for each target precision: which fixes are accepted at it."""
     rows = []
     # A fix is rejected from the novelty `threshold` on; it is 0 if the target precision cannot be
-    # kept. A fix's novelty is one minus the probability that its pose is right.
+    # reached. A fix's novelty is one minus the probability that its pose is right.
     for target_precision, threshold in zip(
         verdict.target_precisions, verdict.claim_thresholds["fix"], strict=True
     ):
-        which = "nothing keeps it: too few validation blocks, or too many wrong"
+        accepted = "cannot be reached: too few validation blocks, or too many wrong fixes"
         if threshold > 0:
-            which = f"fixes of a novelty below {float(threshold):.3g}"
-        rows.append((f"{target_precision:g}", which))
+            accepted = f"fixes with a novelty below {float(threshold):.3g}"
+        rows.append((f"{target_precision:g}", accepted))
     return rows
 
 
 def _sensor_rows(sensor: Sensor) -> list[tuple[str, str]]:
-    """A row for each number that says what the learned scans look like, and their lift."""
+    """A row for each number that describes the training scans, and their lift."""
     medians = {
         "points a scan": sensor.points,
         "beams": sensor.beams,
@@ -141,7 +140,7 @@ def _sensor_rows(sensor: Sensor) -> list[tuple[str, str]]:
 
 
 def _day(day: LearnedDay) -> str:
-    """Describe a day that a site learned, in a line."""
+    """One line on a day that a site learned."""
     additions = ""
     if day.places is not None:
         additions = f", {day.places} new places, {day.changed} submaps changed"

@@ -1,8 +1,8 @@
 """Exports a site's network to ONNX, and checks its answers against torch's (METHODS 10.4).
 
 The result is an ONNX file of the network, or a site that answers through ONNX Runtime. The two
-networks are compared on random views; where their answers differ by more than SIMILAR_WITHIN,
-nothing is written.
+networks are compared on random views; if their answers differ by more than SIMILAR_WITHIN, nothing
+is written.
 """
 
 import json
@@ -35,9 +35,9 @@ from pipeline.online.runtime import CLASSIFIED, INPUT, session
 SIMILAR_WITHIN = 1e-4
 """Scores or descriptors of ONNX Runtime may differ from torch's by this."""
 VIEWS_TRIED = 32
-"""They are compared on so many random views."""
+"""The number of random views on which the two networks are compared."""
 LEAST_WEIGHTS = 1000
-"""Arrays of fewer weights stay as they are."""
+"""Arrays of fewer weights are not stored in 8 bits."""
 MOST_STEPS = 127
 """The largest weight of a row, in 8-bit steps."""
 
@@ -50,8 +50,8 @@ class Parity:
     largest: float
     """The largest difference between scores, or between numbers of descriptors."""
     same_first: float
-    """The share of views at which the same place has the highest score; of descriptors, the same
-    number is the largest."""
+    """The share of views for which both networks give the same place the highest score, or have the
+    largest number of the descriptor at the same index."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Scores(nn.Module):
     """A network of SCI, from heights (1, rings, sectors) in metres to the answers of CLASSIFIED.
 
     These are scores (1, places), features (1, 64), and headings (1, places) in degrees. Heights are
-    clipped and quantised to 256 steps in here, so that the exported file does it too.
+    clipped and quantised to 256 steps in this module, so that the exported file does it too.
     """
 
     def __init__(self, method: Classifier, net: nn.Module) -> None:
@@ -91,11 +91,11 @@ class Scores(nn.Module):
 
 
 def export(source: Path, out: Path, compact: bool = False) -> str:
-    """Write the network of the site `source` as FILE.onnx, or as FILE.site that answers by it.
+    """Write the network of the site `source` as FILE.onnx, or as a FILE.site that runs it.
 
-    Beside FILE.onnx goes FILE.parity.json. `compact` stores weights in 8 bits; answers may then
-    differ by more than SIMILAR_WITHIN. Returns what was written, in a line. Raises ConfigError for
-    a method without a network, another ending of `out`, or answers that differ too much.
+    FILE.parity.json is written beside FILE.onnx. `compact` stores weights in 8 bits; answers may
+    then differ by more than SIMILAR_WITHIN. Returns a line on what was written. Raises ConfigError
+    for a method without a network, another ending of `out`, or answers that differ too much.
     """
     description, model, arrays, network, _ = site_file.read(source)
     if out.suffix not in (".onnx", ".site"):
@@ -213,9 +213,10 @@ def _onnx(
 
 
 def _without_notes(model: Any) -> Any:
-    """Drop the notes in an onnx.ModelProto on the code and folders that it was exported from.
+    """Remove the notes in an onnx.ModelProto on the code and folders that it was exported from.
 
-    So its bytes do not depend on where the project lies. Changes the model, and returns it.
+    The model's bytes then do not depend on the project's folder. Changes the model in place, and
+    returns it.
     """
     model.ClearField("metadata_props")
     graph = model.graph
@@ -230,8 +231,8 @@ def _without_notes(model: Any) -> Any:
 def _with_small_weights(model: Any) -> Any:
     """Store the large float32 weights of an onnx.ModelProto as 8-bit integers.
 
-    Each row along the first axis becomes integers of up to MOST_STEPS and a scale of its own, and a
-    node DequantizeLinear multiplies them again. Changes the model, and returns it.
+    Each row along the first axis becomes integers up to MOST_STEPS with a scale of its own, which a
+    node DequantizeLinear multiplies again. Changes the model in place, and returns it.
     """
     from onnx import helper, numpy_helper
 

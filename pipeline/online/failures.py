@@ -1,6 +1,6 @@
 """Failure cards of a log: pictures of fixes whose verdict is wrong, for `yearloc failures`.
 
-A card shows the scan from above on the map, where the fix placed it and where it was taken.
+A card shows the scan from above on the map, at the pose of the fix and at the true pose.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,9 +17,9 @@ from pipeline.online.site import Fix
 from pipeline.posing.targets import Targets
 
 SHOWN_M = 45.0
-"""A card shows so much to each side of the robot."""
+"""How far a card shows the map to each side of the robot."""
 NEAREST_SUBMAPS = 2
-"""So many submaps of the map are drawn below a scan."""
+"""How many submaps of the map are drawn below a scan."""
 
 
 def of_log(scans: Sequence[Scan], fixes: Sequence[Fix]) -> Iterator[JudgedFix]:
@@ -38,7 +38,7 @@ def of_log(scans: Sequence[Scan], fixes: Sequence[Fix]) -> Iterator[JudgedFix]:
 
 
 def draw(targets: Targets, fix: JudgedFix, path: Path, heading_end: str) -> None:
-    """Write a card as a PNG: the scan on the map where it was placed, and where it was taken.
+    """Write a card as a PNG: the scan on the map at the pose of the fix, and at the true pose.
 
     `heading_end` is the last part of the card's title.
     """

@@ -1,7 +1,7 @@
-"""Compiles all numba kernels that localising needs, by localising a made-up scan once.
+"""Compiles all numba kernels of localisation, by localising a made-up scan once.
 
-`yearloc kernels` does this, and `make install` calls it, so that no real scan waits for
-the compiler.
+`yearloc kernels` does this, and `make install` calls it, so that no real scan waits for the
+compiler.
 """
 
 import time
@@ -31,9 +31,9 @@ APART_M = 4.0
 
 
 def compile_kernels() -> float:
-    """Localise a scan in a made-up street, and a sweep in a room; returns the seconds it took.
+    """Localise a scan in a made-up street and a sweep in a room; returns the seconds it took.
 
-    Only a compressed PCD has a kernel that is not compiled here: the first such file does it.
+    Only the kernel of compressed PCDs is not compiled here, but by the first such file.
     """
     start = time.perf_counter()
     points_m = street()
@@ -48,7 +48,7 @@ def compile_kernels() -> float:
     anchors[:, 0, 3] = APART_M * np.arange(count)
     clouds_m = [points_m - anchor[:3, 3] for anchor in anchors]
 
-    # draw and rank them, in both ways that there are kernels for
+    # draw and rank the submaps, by both rankers that have kernels
     images = np.stack([ScanContext()(cloud_m) for cloud_m in clouds_m])
     rows = Rows(images, np.arange(count), anchors)
     ranker = ScanContext50(candidates=count)
@@ -57,7 +57,7 @@ def compile_kernels() -> float:
     trained = ReturnProfiles(image_return_profiles, np.arange(count), np.zeros(count, np.float32))
     reranked(np.ones((count, count)), np.zeros((count, count)), image_return_profiles, trained)
 
-    # register one of them with the map of all
+    # register one submap with the map of all three
     grains = [np.rint(cloud_m / GRAIN_M).astype(np.int64) for cloud_m in clouds_m]
     offsets = np.cumsum([0, *map(len, grains)])
     arrays = {

@@ -1,8 +1,8 @@
 """Reads the scans of an MCAP recording while it is still being written (`--follow`).
 
 A thread reads the file as it grows, and keeps the newest clouds, the poses of odometry, and the
-fixed transforms. `Following.scans` hands the clouds out as scans, the oldest first. Clouds that
-come faster than they are taken are dropped and counted.
+fixed transforms. `Following.scans` yields the clouds as scans, the oldest first. Clouds that come
+faster than they are localised are dropped and counted.
 """
 
 import time
@@ -29,17 +29,16 @@ from pipeline.readers.deskew import deskewed
 from pipeline.readers.mounting import BODIES, Transforms
 
 POLL_S = 0.02
-"""The file is looked at again after this time."""
+"""Seconds between two attempts to read more of the file."""
 MOST_WAITING = 8
-"""At most so many clouds wait, since a recorder writes several at once. Then the oldest is dropped.
-"""
+"""How many clouds may wait, since a recorder writes several at once; then the oldest is dropped."""
 STEP_S = 0.1
-"""The robot is taken to move within a cloud as in this time before its stamp."""
+"""A cloud is deskewed by the robot's motion in this time before its stamp."""
 TRANSFORMS_S = 1.0
-"""The first cloud waits so long for its lidar's transforms, which many nodes send once a second.
-"""
+"""How long the first cloud waits for the transforms of its lidar, which many nodes send once a
+second."""
 LARGEST_RECORD_BYTES = 2**28
-"""A larger record is taken for damage."""
+"""A larger record counts as damage."""
 
 Edges = dict[Edge, tuple[Stamps, Poses]]
 """For each pair of frames, parent and child, the stamps (n,) and parent_T_child (n, 4, 4)."""
@@ -48,7 +47,7 @@ Edges = dict[Edge, tuple[Stamps, Poses]]
 class GrowingFile:
     """A file that another process is writing.
 
-    A read waits for bytes that are not there yet, until none has come for `idle_s` seconds.
+    A read waits for bytes that are not written yet, until no byte has come for `idle_s` seconds.
     """
 
     def __init__(self, file: BinaryIO, idle_s: float) -> None:
@@ -77,21 +76,21 @@ class Following:
     path: Path
     """FILE.mcap, or the folder that `ros2 bag record` writes it into."""
     options: ScanOptions
-    """How its scans are read; without a topic all clouds are taken."""
+    """How the scans are read; without a topic, the clouds of all topics are read."""
     idle_s: float
-    """The recording has ended when nothing was written for so many seconds."""
+    """The recording has ended when nothing was written for this many seconds."""
     dropped: int = field(default=0, init=False)
-    """How many clouds were pushed out by newer ones."""
+    """How many clouds were dropped because newer clouds came too fast."""
     skipped: Counter[str] = field(default_factory=Counter, init=False)
-    """How many clouds cannot be taken, by reason."""
+    """How many clouds could not be read, by reason."""
     damage: str = field(default="", init=False)
-    """Why reading ended before the recording did; empty if it did not."""
+    """Why reading ended before the end of the recording; empty if it was read to its end."""
 
     def scans(self) -> Iterator[Scan]:
         """The scans of the recording as they come, until nothing was written for `idle_s`.
 
-        Raises LogError where there is no recording, or it holds no cloud; ConfigError where mcap is
-        not installed.
+        Raises LogError if there is no recording or it holds no cloud, ConfigError if the package
+        mcap is not installed.
         """
         file: Path | None = self.path
         if not self.path.is_file():
@@ -101,7 +100,7 @@ class Following:
                 f"{self.path}: no .mcap recording to follow; other bags can be localised once they "
                 "are written"
             )
-        # what the thread reads, and this one takes while it holds the condition
+        # what the reading thread writes and this thread reads, both while holding the condition
         self._changed = Condition()
         self._clouds = deque[tuple[int, bytes]](maxlen=MOST_WAITING)  # stamp and message
         self._newest_poses = Newest()
@@ -128,7 +127,10 @@ class Following:
             raise LogError(f"{file}: no PointCloud2{on_topic} came within {self.idle_s:g} s")
 
     def _next_cloud(self) -> tuple[int, bytes] | None:
-        """Wait for the oldest cloud that still waits, and a moment for odometry up to its stamp."""
+        """Wait for a cloud, and at most AHEAD_S for odometry up to its stamp; returns the oldest.
+
+        Returns None at the end of the recording.
+        """
         with self._changed:
             self._changed.wait_for(lambda: self._clouds or self._ended)
             if not self._clouds:
@@ -145,7 +147,7 @@ class Following:
             return cloud
 
     def _is_placed(self, lidar_frames: set[str]) -> bool:
-        """Whether the transforms so far lead to the lidar, or no more will come."""
+        """Whether the transforms so far lead to the lidar, or the recording has ended."""
         bodies = (*BODIES, self._child)
         is_placed = self._transforms().body_T_lidar(bodies, lidar_frames) is not None
         return bool(self._ended) or is_placed
@@ -153,8 +155,8 @@ class Following:
     def _transforms(self) -> Transforms:
         """The transforms read so far."""
         static = Tree(str(self.path), dict(self._static_edges), 0)
-        every = Tree(str(self.path), dict(self._edges), 0)
-        return Transforms(static, lambda: every)
+        all_edges = Tree(str(self.path), dict(self._edges), 0)
+        return Transforms(static, lambda: all_edges)
 
     def _scan(self, number: int, stamp_ns: int, data: bytes) -> Scan:
         """The scan of a cloud's message, placed by the transforms and poses read so far."""
@@ -188,7 +190,7 @@ class Following:
                 self._read_records(reader.records)
         except EndOfFile:
             pass  # the file grows no more, and was not closed
-        # mcap, zstd and struct raise whatever they like at a damaged recording
+        # mcap, zstd and struct raise errors of many classes for a damaged recording
         except Exception as error:
             self.damage = (
                 f"{file}: damaged, what follows was not read ({type(error).__name__}: "
@@ -197,13 +199,13 @@ class Following:
         self._end(True)
 
     def _end(self, reason: Exception | bool) -> None:
-        """Note that nothing more is read: True, or the error because of which."""
+        """Note that reading has ended; `reason` is the error that ended it, or True."""
         with self._changed:
             self._ended = reason
             self._changed.notify()
 
     def _read_records(self, records: Iterator[Any]) -> None:
-        """Keep what the messages among the records say."""
+        """Keep the content of the messages among the records."""
         kind_by_schema = dict[int, str]()
         topic_and_kind_by_channel = dict[int, tuple[str, str]]()
         for record in records:
@@ -227,7 +229,7 @@ class Following:
             self._keep_cloud(record)
 
     def _keep_transforms(self, record: Any, is_static: bool) -> None:
-        """Keep the first pose of each transform, one that differs, and those of the odometry."""
+        """Keep of each transform the first pose and one that differs; of the odometry all poses."""
         try:
             transforms = from_cdr(record.data, TRANSFORMS).transforms
         except LogError as error:
@@ -253,7 +255,7 @@ class Following:
             self._changed.notify()
 
     def _keep_pose(self, record: Any, kind: str) -> None:
-        """Keep the pose of an odometry message; one that is broken is passed over."""
+        """Keep the pose of an odometry message; a broken message is left out."""
         try:
             stamp_ns, _ = header(record.data, 2)
             message = from_cdr(record.data, kind)
@@ -269,7 +271,7 @@ class Following:
         self._newest_poses.add(stamp_ns or int(record.log_time), odom_T_child)
 
     def _keep_cloud(self, record: Any) -> None:
-        """Let a cloud wait to be taken; if too many wait, the oldest is dropped."""
+        """Add a cloud to those that wait; if too many wait, the oldest is dropped."""
         try:
             stamp_ns, _ = header(record.data, 2)
         except LogError:
@@ -283,7 +285,7 @@ class Following:
 
 
 def _points(data: bytes, stamp_ns: int, body_T_lidar: Poses, step: Poses) -> NDArray[np.float64]:
-    """The points (n, 3) of a cloud's message, in the body, as they lay at its stamp."""
+    """The points (n, 3) of a cloud's message in the body's frame, deskewed to its stamp."""
     cloud = from_cdr(data, CLOUD)
     points_m = transformed(body_T_lidar, decode(cloud))
     if not np.isfinite(step).all():

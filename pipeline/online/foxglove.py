@@ -1,7 +1,7 @@
 """Records a localised drive as an MCAP bag that Foxglove and Lichtblick open.
 
 It shows the map, each scan where its fix placed it, every pose as a point, and the accepted poses
-(`yearloc watch -o FILE.mcap`).
+(`yearloc watch --save FILE.mcap`).
 """
 
 from contextlib import ExitStack
@@ -16,8 +16,8 @@ from pipeline.online.site import Fix, Site
 from pipeline.online.watch import origin, whole_map
 
 SITE = "site"
-"""A frame in the middle of the site. Clouds are given in it, since their float32 is too coarse for
-coordinates of the world."""
+"""A frame in the middle of the site, in which clouds are written, since float32 is too coarse for
+coordinates in the world."""
 VERDICT_NUMBERS = ("accepted", "rejected", "near", "ambiguous")
 """On /fixes the intensity of a point is the number of its verdict in this order."""
 
@@ -26,14 +26,14 @@ class Recording(ExitStack):
     """Writes FILE.mcap, whole or not at all.
 
     Its topics are /map, /scan, /fixes (one point for each pose) and /fix (the accepted poses).
-    Clouds are in the frame `site`, poses in `map`; /tf_static leads from one to the other.
+    Clouds are in the frame `site`, poses in `map`; /tf_static connects the two frames.
     """
 
     def __init__(self, site: Site, out: Path | None, target_precision: float | None) -> None:
         """Begin the recording `out`.
 
-        `yearloc watch` makes all its streams with these arguments: this one always has a file, and
-        needs no target precision.
+        `yearloc watch` makes all kinds of recordings with these arguments. This kind always has a
+        file, and does not use the target precision.
         """
         super().__init__()
         assert out is not None
@@ -44,7 +44,7 @@ class Recording(ExitStack):
         self._has_map = False
 
     def add(self, number: int, scan: Scan, points_m: NDArray[np.float64], fix: Fix) -> None:
-        """Add a scan (n, 3) and its fix, at its stamp or else at its number in seconds."""
+        """Add a scan (n, 3) and its fix, at its stamp or, without a stamp, at `number` seconds."""
         stamp_ns = stamp_of(scan, number)
         if not self._has_map:
             self._add_map(stamp_ns)

@@ -1,7 +1,7 @@
 """Opens what a user wants to localise: a log, ROS bags, a folder of scans, a file, standard input.
 
-`ScanOptions.scans` gives one `Scan` after the other. It holds the stamp, and the poses by odometry
-and survey where there are any; its points are read only when they are asked for.
+`ScanOptions.scans` yields a `Scan` for each. It holds the stamp, and the poses by odometry and by
+the reference if there are any; its points are read only when they are needed.
 """
 
 import sys
@@ -32,60 +32,61 @@ from pipeline.readers.log import extrinsic as given_extrinsic
 from pipeline.readers.mounting import BODIES, Transforms
 
 NO_POSE = np.full((4, 4), np.nan)
-"""The pose of a scan where it is unknown."""
+"""An unknown pose."""
 ODOMETRY_GAP_S = 1.0
 """Odometry is not interpolated over a longer gap."""
 
 
 @dataclass(frozen=True)
 class Scan:
-    """A scan to localise, whose points are read only when asked for."""
+    """A scan to localise, whose points are read only when they are needed."""
 
     name: str
     stamp_ns: int | None
-    """None for a file whose name is no time."""
+    """None for a file whose name is not a time."""
     points: Callable[[], NDArray[np.float64]]
-    """Reads the points (n, 3) in metres: x forward, y left, z up, ground at z = 0. They lie as at
-    the stamp if the log has odometry and the time of each point. Raises LogError for a damaged
-    scan."""
+    """Reads the points (n, 3) in metres: x forward, y left, z up, ground at z = 0. They are
+    deskewed to the stamp if the log has odometry and the time of each point. Raises LogError for a
+    damaged scan."""
     odom_T_scan: NDArray[np.float64]
-    """(4, 4) the pose by odometry; NaN without."""
+    """(4, 4) the pose by odometry; NaN if there is no odometry."""
     world_T_scan: NDArray[np.float64]
     """(4, 4) the true pose; NaN if it is unknown."""
     recording: str = ""
-    """The file or folder that it was read from. Another recording has another odometry."""
+    """The file or folder that the scan was read from. Each recording has its own odometry frame."""
     body_T_lidar: Poses | None = None
-    """(4, 4) places the points of the lidar in the vehicle; None for a log, whose reader does."""
+    """(4, 4) the pose of the lidar in the vehicle, by which the points were transformed; None for a
+    log, whose reader transforms its points."""
 
 
 @dataclass(frozen=True)
 class ScanOptions:
-    """How scans are read for a site: by the site's description, and by what a user says."""
+    """How scans are read for a site: by the site's description, and by the user's options."""
 
     reader: Mapping[str, Any]
     """Settings of the reader of the site's data set, which opens logs with their poses."""
     lift_m: float = 0.0
-    """By how much the points of files and bags are raised, so that the ground is at z = 0."""
+    """How far the points of files and bags are raised, so that the ground is at z = 0."""
     topic: str | None = None
-    """The topic of a bag to read; None: the one with most messages."""
+    """The topic of a bag to read; None is the topic with most messages."""
     odometry: str | None = None
     """The odometry of a bag: a topic of poses, or tf:PARENT>CHILD."""
     body_T_lidar: Poses | None = None
-    """The pose (4, 4) that places the points, instead of `lift_m` and a bag's transforms."""
+    """The pose (4, 4) of the lidar in the vehicle, instead of `lift_m` and a bag's transforms."""
     message: str = CLOUD
-    """The kind of a bag's messages that are read: clouds, or of a level site sweeps."""
+    """The kind of a bag's messages to read: clouds, or sweeps for a level site."""
 
     def scans(self, source: str, skipped: Counter[str]) -> Iterator[Scan]:
         """The scans at a path, or of standard input for `-`.
 
-        A path is opened as the first of these that it can be:
+        A path is opened as the first of these that fits:
 
         - a log in the format of the site's data set, by its `reader`, with the log's poses;
         - ROS bags, with the poses of their odometry;
         - a folder of scan files, or one such file.
 
-        Points of bags and files are x forward, y left, z up. What a log or a bag leaves out is
-        counted in `skipped`, by reason. Raises LogError where there is no scan, ConfigError for a
+        Points of bags and files are x forward, y left, z up. Scans that a log or a bag leaves out
+        are counted in `skipped`, by reason. Raises LogError if there is no scan, ConfigError for a
         topic that a bag does not have.
         """
         placement = raised(self.lift_m) if self.body_T_lidar is None else self.body_T_lidar
@@ -109,17 +110,17 @@ class ScanOptions:
                 yield _unposed(file.name, _stamp_ns(file.stem), points, placement)
 
     def is_log(self, source: str) -> bool:
-        """Whether the site's own reader opens a path, and so places its points itself."""
+        """Whether the site's own reader opens a path, and so transforms its points itself."""
         return source != "-" and self._log(Path(source).expanduser()) is not None
 
     def lidar_on_vehicle(
         self, transforms: Transforms, lidar_frames: set[str], child: str | None
     ) -> Poses:
-        """The pose (4, 4) that places the points of a bag in the vehicle.
+        """The pose (4, 4) of a bag's lidar in the vehicle.
 
-        `lidar_frames` are the frames of the clouds, and `child` the one that odometry moves. Where
-        no frame of the vehicle is known, the lidar is the vehicle. Raises LogError where one is,
-        but no transforms say where the lidar sits on it.
+        `lidar_frames` are the frames of the clouds, and `child` the frame that odometry moves. If
+        no frame of the vehicle is known, the lidar's frame is taken for the vehicle's. Raises
+        LogError if the vehicle's frame is known, but no transforms connect the lidar with it.
         """
         if self.body_T_lidar is not None:
             return self.body_T_lidar
@@ -165,7 +166,7 @@ class ScanOptions:
             yield _of_log(log, row, path, recording, body_T_lidar)
 
     def _topic(self, path: Path, files: list[BagFile]) -> str:
-        """The topic of bags to read: the one that was named, or the one with most messages."""
+        """The topic of bags to read: the user's, or the topic with most messages."""
         counts = Counter[str]()
         for file in files:
             for name, topic in file.topics.items():
@@ -184,7 +185,7 @@ class ScanOptions:
         return self.topic or counts.most_common(1)[0][0]
 
     def _odometry(self, path: Path, files: list[BagFile]) -> Track | None:
-        """The poses of the odometry that was named; None if none was."""
+        """The poses of the user's odometry topic; None without the option."""
         if self.odometry is None:
             return None
         pose_topics = set[str]()
@@ -201,8 +202,8 @@ class ScanOptions:
 def decoded(data: bytes, path: Path) -> NDArray[np.float64]:
     """The points (n, 3) in the bytes of a scan file.
 
-    `path` tells its format; a .bin is NCLT's or KITTI's, whichever its bytes look like. Raises
-    LogError for damaged ones.
+    The ending of `path` tells the format; a .bin is NCLT's or KITTI's, whichever its bytes look
+    like. Raises LogError for a damaged file.
     """
     may_be_nclt = path.suffix == ".bin" and len(data) <= folder.LARGEST_BYTES
     if may_be_nclt and bin_layout.point_bytes(data) == bin_layout.NCLT_BYTES:
@@ -213,7 +214,7 @@ def decoded(data: bytes, path: Path) -> NDArray[np.float64]:
 def placement(key: str, text: str) -> Poses:
     """The pose (4, 4) of a lidar in the vehicle, parsed from x,y,z,roll,pitch,yaw.
 
-    These are in metres and degrees. Raises ConfigError that names `key`, the option.
+    The numbers are in metres and degrees. Raises ConfigError, which names the option `key`.
     """
     try:
         return given_extrinsic(key, [float(word) for word in text.split(",")])
@@ -226,7 +227,7 @@ def placement(key: str, text: str) -> Poses:
 def _of_log(
     log: Log, row: int, path: Path, recording: str, body_T_lidar: Poses | None = None
 ) -> Scan:
-    """One scan of a log, which was opened at `path`."""
+    """One scan of a log that was opened at `path`."""
     return Scan(
         f"{path.name} {row}",
         int(log.stamps_ns[row]),
@@ -241,7 +242,7 @@ def _of_log(
 def _unposed(
     name: str, stamp_ns: int | None, points: Callable[[], NDArray[np.float64]], body_T_lidar: Poses
 ) -> Scan:
-    """A scan without poses; its points are placed by `body_T_lidar` (4, 4)."""
+    """A scan without poses, whose points are transformed by `body_T_lidar` (4, 4)."""
     return Scan(
         name=name,
         stamp_ns=stamp_ns,
@@ -258,7 +259,7 @@ def _points_of_file(file: Path) -> NDArray[np.float64]:
 
 
 def _files(path: Path) -> list[Path]:
-    """The scan files of a folder, or of a folder in it, in the order of their numbers."""
+    """The scan files of a folder or its subfolders, in the order of their numbers."""
     files = scan_files(path)
     if not files:
         raise LogError(
@@ -269,8 +270,8 @@ def _files(path: Path) -> list[Path]:
 
 
 def _stamp_ns(stem: str) -> int | None:
-    """The stamp in a file's name, which is a time since 1970; None if it is something else."""
-    # with a point it is seconds; whole numbers are micro- or nanoseconds, or the number of a row
+    """The stamp in a file's name, if that is a time since 1970; None otherwise."""
+    # a name with a point is in seconds; a whole number is in micro- or nanoseconds, or a row
     if not stem[:1].isdigit() or len(stem) > 40:
         return None
     is_whole = stem.isascii() and stem.isdecimal()
@@ -282,8 +283,9 @@ def _poses_at(odometry: Track, stamps_ns: Stamps) -> Poses:
     """The poses (n, 4, 4) by odometry at stamps (n,); NaN where there is none."""
     trajectory, _ = vehicle.split_at_jumps(odometry.name, odometry.trajectory)
     odom_T_child, _ = trajectory.at(stamps_ns)
-    # the odometry starts again after each jump: the first scan there marks it, as in a log. A gap
-    # needs no mark: no scan within it has a pose, and drives in several files are distinguished
+    # The odometry starts again after each jump: the first scan after it gets no pose, as in a log.
+    # A gap needs no such mark: no scan within it has a pose, and drives in several files are
+    # distinguished by their recording.
     restarts_ns = odometry.trajectory.stamps_ns[vehicle.jumps(odometry.trajectory)]
     first_rows = np.searchsorted(stamps_ns, restarts_ns - ROUNDED_NS)
     odom_T_child[first_rows[first_rows < len(stamps_ns)]] = np.nan

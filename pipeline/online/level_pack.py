@@ -29,18 +29,18 @@ from pipeline.posing.learned_verdict import Learned
 from pipeline.posing.verdict import Verdict
 
 UNSEEN_SHARE = 0.2
-"""The share of queries to expect from places that the map does not have."""
+"""The expected share of queries from places that the map does not have."""
 LEVEL_VERSIONS = ("numpy", "numba", "scipy", "safetensors")
 """Packages whose versions a site records."""
 CARMEN = {"_target_": "pipeline.readers.carmen.Carmen"}
-"""Opens the logs that the site of a Nav2 map is asked with; bags need no reader."""
+"""The reader of logs that are localised in the site of a Nav2 map; bags need no reader."""
 
 
 def pack_map(map_path: Path, out: Path) -> str:
-    """Write the site of a Nav2 map; returns what it holds, in a line.
+    """Write the site of a Nav2 map; returns a line on its content.
 
-    Its verdict has the usual thresholds, since a map has no sweeps to hold out and test them on.
-    Raises ArtifactError for a file that is no map of a building.
+    Its verdict has the usual thresholds, since a map has no sweeps to validate them with. Raises
+    ArtifactError for a file that is not a map of a building.
     """
     grid = nav2_map.read(map_path)
     try:
@@ -62,10 +62,10 @@ def pack_sweeps(
     progress: Progress,
     verdict: Path | None = None,
 ) -> str:
-    """Write the site of a training day's level sweeps; returns what it holds, in a line.
+    """Write the site of a training day's level sweeps; returns a line on its content.
 
-    `verdict` is the artifact that the stage `poses` wrote; without it stretches are kept for
-    validation here.
+    `verdict` is the artifact that the stage `poses` wrote; without it, the verdict is learned here
+    from validation stretches of the day.
     """
     sweeps = Sweeps.of(scans, is_posed=True)
     learned = Learned.read(verdict, sweeps_basis(sweeps, UNSEEN_SHARE))
@@ -85,7 +85,7 @@ def _write(
     source: str,
     digest: str | None,
 ) -> str:
-    """Write a site file; returns what it holds, in a line.
+    """Write a site file; returns a line on its content.
 
     `source` is the map's file or the training sequence, `digest` the map's md5.
     """
@@ -96,18 +96,17 @@ def _write(
         level=LevelSettings(level_map.cell_m, level_map.origin, OVER_M, LevelFixer()),
         verdict=verdict,
         reader=dict(reader),
-        # what sweeps look like is not compared
+        # the sensors of level sweeps are not compared
         sensor=Sensor(lift_m, None, None, None, None, None, ()),
         provenance=Provenance.of(source, {"map": digest}, LEVEL_VERSIONS),
     )
     arrays = {"occupancy": level_map.occupancy}
     site_file.write(out, site_file.LevelParts(description, arrays))
-    target_precisions = ", ".join(map(str, description.verdict.reachable)) or "nothing"
+    target_precisions = ", ".join(map(str, description.verdict.reachable)) or "none"
     blocks = verdict.validation
     checked = f"checked on {blocks} validation blocks" if blocks else "not checked in this one"
     return (
         f"{out}: level, {level_map.free_m2:,.0f} m² of free space in cells of "
         f"{level_map.cell_m:g} m, {out.stat().st_size / 1e6:.1f} MB; target precisions "
-        f"{target_precisions}, "
-        f"learned in three recorded buildings and {checked}"
+        f"{target_precisions}, learned in three recorded buildings and {checked}"
     )

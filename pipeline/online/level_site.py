@@ -1,7 +1,7 @@
 """A level site: the map of a building, in which the sweeps of a level 2-D laser are localised.
 
-A single sweep tells little in a corridor. So of a robot that drives, the sweeps of the last metres
-are gathered by the robot's odometry (METHODS 13.5).
+A single sweep tells little in a corridor. So the sweeps of the last metres of a drive are gathered
+by the robot's odometry (METHODS 13.5).
 """
 
 from dataclasses import replace
@@ -27,7 +27,8 @@ from pipeline.online.site_json import LevelDescription
 from pipeline.posing.verdict import AnyFix, Judge
 
 FEW_POINTS = 20
-"""So few points do not tell a level sweep from a 3-D scan; they make no pose anyway."""
+"""Up to this many points, a level sweep cannot be told from a 3-D scan; they give no pose anyway.
+"""
 
 
 class LevelSite(Site):
@@ -37,7 +38,7 @@ class LevelSite(Site):
     gathers = True
     message = SWEEP
 
-    # callers use only what both kinds of site describe
+    # callers use only the fields that both kinds of description have
     description: LevelDescription  # type: ignore[assignment]
 
     def __init__(self, parts: LevelParts) -> None:
@@ -60,18 +61,18 @@ class LevelSite(Site):
         return None
 
     def walls_of(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """All hits (n, 3) of a sweep: none is of the ground."""
+        """All hits (n, 3) of a sweep, since no hit lies on the ground."""
         return points_m
 
     def unlike(
         self, points_m: NDArray[np.float64], body_T_lidar: Poses | None, *ways: tuple[str, str]
     ) -> list[str]:
-        """A level site knows nothing of its sensor; no warning."""
+        """No warnings, since a level site does not describe its sensor."""
         return []
 
     @cached_property
     def walls_m(self) -> NDArray[np.float64]:
-        """The middles (n, 3) of the cells that are walls, in metres in the world, at z = 0."""
+        """The centres (n, 3) of the cells that are walls, in metres in the world, at z = 0."""
         cells = np.argwhere(self.level_map.walls)[:, ::-1]  # column, row
         grid_m = (cells + 0.5) * self.level_map.cell_m
         world_m = transformed(self.level_map.world_T_grid, grid_m)
@@ -94,7 +95,7 @@ class LevelSite(Site):
         return self.level_fixer.fix(self.field, query)
 
     def track(self, query: Gathered, world_T_guess: NDArray[np.float64]) -> LevelFix:
-        """The pose of gathered sweeps by a guess (4, 4), and no other."""
+        """The pose of gathered sweeps near a guess (4, 4)."""
         return self.level_fixer.track(self.field, query, world_T_guess)
 
     def judge_query(
@@ -104,9 +105,9 @@ class LevelSite(Site):
         target_precision: float | None,
         is_tracked: bool = False,
     ) -> Fix:
-        """The fix of gathered sweeps; rejected if the laser may be mounted otherwise than was said.
+        """The fix of gathered sweeps, rejected if the laser may be mounted otherwise than given.
 
-        Of tracked sweeps this is asked only where odometry contradicts them.
+        The mounting of tracked sweeps is checked only if odometry contradicts them.
         """
         ordered = registered.ordered(self.claim_judge.pose)
         fix = self.judge(ordered, target_precision)
@@ -128,7 +129,7 @@ class LevelSite(Site):
 class SweepDrive:
     """The drive of a robot with a level laser, whose sweeps are gathered by odometry."""
 
-    counts_no_pose = False  # such a sweep has too few hits, wherever it was taken
+    counts_no_pose = False  # a sweep without a pose has too few hits, wherever it was taken
     widens = False
 
     def __init__(self, over_m: float) -> None:
@@ -147,7 +148,7 @@ class SweepDrive:
         return Step(step)
 
     def note_fix(self, world_T_robot: NDArray[np.float64], time_s: float) -> None:
-        """Nothing: no motion is predicted."""
+        """Do nothing: no motion is predicted."""
 
     def lose(self) -> None:
         """Forget all sweeps but the newest."""

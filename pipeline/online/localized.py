@@ -1,4 +1,4 @@
-"""The loop from scans to fixes that all commands share: each scan alone, or one after the other."""
+"""The loop from scans to fixes that all commands share: each scan alone, or all tracked."""
 
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from pipeline.online.tracking import Tracker
 
 
 class Localized(NamedTuple):
-    """A scan, and what was made of it."""
+    """A scan, its points and its fix."""
 
     scan: Scan
     points_m: NDArray[np.float64]
@@ -29,9 +29,9 @@ def localized(
 ) -> Iterator[Localized]:
     """The fix of each scan, one after the other.
 
-    A site localises each scan alone, with `target_precision`; a tracker follows them, with its own
-    target precision. A scan that cannot be read is passed over, and the reason is appended to
-    `broken`.
+    A site localises each scan alone, with `target_precision`; a tracker combines all scans so far,
+    with its own target precision. A scan that cannot be read is left out, and the reason is
+    appended to `broken`.
     """
     for scan in scans:
         try:
@@ -47,8 +47,9 @@ def localized(
 
 
 def tracker_of(site: Site, target_precision: float | None, track: bool) -> Tracker | None:
-    """The tracker that follows the scans in a site; None if each scan is localised alone.
+    """The tracker for the scans of a drive; None if each scan is localised alone.
 
-    A level site always has one, since its sweeps are gathered; `track` says if it tracks the robot.
+    A level site always needs a tracker, which gathers its sweeps; `track` says whether it tracks
+    the robot too.
     """
     return Tracker(site, target_precision, is_tracking=track) if track or site.gathers else None

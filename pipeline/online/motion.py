@@ -1,8 +1,8 @@
-"""How a robot moves from scan to scan: by its odometry, or as it is predicted to (METHODS 10.3).
+"""How a robot moves from scan to scan: by its odometry, or by a prediction (METHODS 10.3).
 
-A `Drive` is what a `Tracker` remembers of a robot's path besides its belief. `ScanDrive` is that of
-3-D scans, that of level sweeps is in level_site.py. `Motion` predicts the steps of a robot without
-odometry.
+A `Drive` is what a `Tracker` remembers of a robot's path besides its belief: `ScanDrive` for 3-D
+scans, `SweepDrive` in level_site.py for level sweeps. `Motion` predicts the steps of a robot
+without odometry.
 """
 
 from typing import Any, NamedTuple, Protocol
@@ -15,32 +15,32 @@ from pipeline.core.frames import distance_and_turn
 
 SHORTEST_S = 0.02
 LONGEST_S = 5.0
-"""Two fixes tell how fast a robot moves if so many seconds lie between them, at least and at most.
+"""Two fixes give the robot's speed if between SHORTEST_S and LONGEST_S seconds lie between them.
 After more than LONGEST_S a robot without odometry may be anywhere. Scans without stamps count as
 one second apart."""
 FASTEST_M_S = 40.0
 FASTEST_DEG_S = 180.0
 """No robot moves or turns faster."""
 STANDING_M = 0.5
-"""Odometry may move by this in no time, since stamps are not exact."""
+"""How far a step of odometry may exceed FASTEST_M_S, since stamps are not exact."""
 ACCELERATIONS = np.array([2.0, 15.0])
 """Standard deviations of a robot's acceleration in m/s² and °/s², until fixes have shown them."""
 UNKNOWN_SPEEDS = np.array([FASTEST_M_S, FASTEST_DEG_S]) / 3
-"""Standard deviations of the speed of a robot, in m/s and °/s, while it is unknown: the fastest is
-three of them."""
+"""Standard deviations of the speed of a robot, in m/s and °/s, while it is unknown: a third of the
+fastest speeds."""
 
 
 class Motion:
-    """Predicts how a robot without odometry moves on: as between its last two fixes."""
+    """Predicts the motion of a robot without odometry from the speed between its last two fixes."""
 
     def __init__(self) -> None:
         self._last_fix: tuple[NDArray[np.float64], float] | None = None  # its pose and its time
         self._since_fix_s = 0.0
-        # by the last two fixes that gave a speed
+        # from the last two fixes that gave a speed
         self._speed_m_s = np.zeros(3)  # in the robot's frame
         self._turn_rad_s = np.zeros(3)  # a rotation vector
-        self._fix_interval_s = 0.0  # 0 while the speed is unknown
-        # how the robot accelerated since: sums of squares in m/s² and °/s², and how many;
+        self._fix_interval_s = 0.0  # between these fixes; 0 while the speed is unknown
+        # the accelerations since then: their sums of squares in m/s² and °/s², and their number;
         # ACCELERATIONS count as the first
         self._acceleration_squares = ACCELERATIONS**2
         self._acceleration_count = 1
@@ -48,8 +48,8 @@ class Motion:
     def predict(self, took_s: float) -> NDArray[np.float64]:
         """The step (4, 4) that the robot makes in `took_s` seconds at the speed of the last fixes.
 
-        Where the clock jumped back or far ahead, the time between the last two fixes that reported
-        a speed is taken. Without such fixes the robot is predicted to stand still.
+        If the clock jumped back or far ahead, the time between the last two fixes that gave a speed
+        is used instead. Without such fixes the robot is predicted to stand still.
         """
         seconds = self._plausible_s(took_s)
         step = np.eye(4)
@@ -68,7 +68,7 @@ class Motion:
             return float(away_m), float(turn_deg)
         hidden_step = np.zeros(2)
         if self._plausible_s(took_s) < SHORTEST_S:
-            # it may be the same scan again, or the clock stands still while the robot moves on
+            # it may be the same scan twice, or the clock stands still while the robot moves on
             turn_deg_s = np.rad2deg(np.linalg.norm(self._turn_rad_s))
             speeds = np.array([np.linalg.norm(self._speed_m_s), turn_deg_s])
             hidden_step = self._fix_interval_s * speeds
@@ -79,14 +79,14 @@ class Motion:
         return float(away_m), float(turn_deg)
 
     def advance(self, took_s: float) -> None:
-        """Count a predicted step of `took_s` seconds as made since the last fix."""
+        """Count a predicted step of `took_s` seconds as time since the last fix."""
         self._since_fix_s += self._counted_s(took_s)
 
     def note_fix(self, world_T_robot: NDArray[np.float64], time_s: float) -> None:
-        """Take note of a fix (4, 4) that is believed, and of its time.
+        """Note a likely fix (4, 4) and its time.
 
-        If the fix before is between SHORTEST_S and LONGEST_S seconds old, the two tell the speed,
-        and how far the prediction was off.
+        If the fix before is between SHORTEST_S and LONGEST_S seconds old, both give the speed, and
+        how far the prediction was off.
         """
         last_fix = self._last_fix
         self._last_fix = (world_T_robot, time_s)
@@ -114,14 +114,13 @@ class Motion:
         self._fix_interval_s = seconds
 
     def _plausible_s(self, took_s: float) -> float:
-        """The time of a step. Where it is negative or long, the time between the last two fixes
-        that gave a speed; while none did, this is 0.
-        """
+        """The time of a step; if it is negative or too long, the time between the last two fixes
+        that gave a speed, or 0 without such fixes."""
         return took_s if 0 <= took_s <= LONGEST_S else self._fix_interval_s
 
     def _counted_s(self, took_s: float) -> float:
-        """The time by which a step's deviation grows; too short a time counts as that between
-        fixes."""
+        """The time that counts for a step's deviation; if it is too short, the time between the
+        last two fixes that gave a speed."""
         seconds = self._plausible_s(took_s)
         return self._fix_interval_s if seconds < SHORTEST_S else seconds
 
@@ -130,36 +129,37 @@ class Step(NamedTuple):
     """The step of a robot from the last scan to the next."""
 
     before_T_now: NDArray[np.float64]
-    """(4, 4)."""
+    """(4, 4) the pose at the next scan in the frame of the last scan."""
     deviations: tuple[float, float] | None = None
-    """Its standard deviations in metres and degrees, if it was predicted."""
+    """Standard deviations of a predicted step in metres and degrees; None for odometry."""
     is_anywhere: bool = False
-    """Whether the robot may have gone anywhere before, so that it must be forgotten."""
+    """Whether the robot may have gone anywhere before this step, so that its pose is forgotten."""
 
 
 class Drive(Protocol):
     """What a tracker remembers of the path besides its belief, by the kind of its site."""
 
     counts_no_pose: bool
-    """Whether a scan without a pose counts as one whose fix was not accepted."""
+    """Whether a scan without a pose counts as a scan whose fix was not accepted."""
     widens: bool
-    """Whether the covariance of a fix grows by what the fix may have slipped from its belief."""
+    """Whether the covariance of a fix is widened by how far the fix may have slipped from the
+    belief."""
 
     def query(self, points_m: NDArray[np.float64], step: NDArray[np.float64] | None) -> Any:
-        """What is sought in the map for the next scan, a `step` (4, 4) of odometry farther on."""
+        """The query for the next scan, which is a `step` (4, 4) of odometry from the last scan."""
 
     def step(self, step: NDArray[np.float64] | None, took_s: float | None) -> Step:
-        """The step by odometry (4, 4), or without it as is thought; None is an unknown time."""
+        """The step by odometry (4, 4), or a prediction; `took_s` is None if it is unknown."""
 
     def note_fix(self, world_T_robot: NDArray[np.float64], time_s: float) -> None:
-        """Take note of a fix (4, 4) that is believed, and of its time."""
+        """Note a likely fix (4, 4) and its time."""
 
     def lose(self) -> None:
-        """Take note that the robot is lost."""
+        """Note that the robot is lost."""
 
 
 class ScanDrive:
-    """The drive of a robot with 3-D scans, each of which is sought alone."""
+    """The drive of a robot with 3-D scans, each of which is registered alone."""
 
     counts_no_pose = True
     widens = True
@@ -174,7 +174,7 @@ class ScanDrive:
         return points_m
 
     def step(self, step: NDArray[np.float64] | None, took_s: float | None) -> Step:
-        """The step by odometry, or a predicted one without odometry that a robot can make.
+        """The step by odometry, or a predicted step if a robot cannot make the step by odometry.
 
         After more than LONGEST_S seconds without odometry the robot may be anywhere.
         """
@@ -188,11 +188,11 @@ class ScanDrive:
         return predicted
 
     def note_fix(self, world_T_robot: NDArray[np.float64], time_s: float) -> None:
-        """Take note of a fix (4, 4): the last two tell how the robot moves on."""
+        """Note a likely fix (4, 4): the last two fixes predict the robot's motion."""
         self._motion.note_fix(world_T_robot, time_s)
 
     def lose(self) -> None:
-        """Nothing: a scan is sought without those before it."""
+        """Do nothing: a scan is registered without the scans before it."""
 
 
 def _is_driven(step: NDArray[np.float64], took_s: float | None) -> bool:

@@ -1,6 +1,6 @@
 """Odometry for trackers: the step from one scan to the next.
 
-`step` takes it from two scans of a log. `Newest` keeps the poses that a robot sends while it
+`step` computes it from two scans of a log. `Newest` keeps the poses that a robot sends while it
 drives, and interpolates them at the stamp of a scan.
 """
 
@@ -14,17 +14,17 @@ from pipeline.core.frames import Trajectory, interpolate
 from pipeline.online.inputs import NO_POSE, ODOMETRY_GAP_S, Scan
 
 AHEAD_S = 0.2
-"""A cloud may be so much newer than the newest pose: the robot is taken to have moved on as between
+"""How much newer a cloud may be than the newest pose; the robot's pose is then extrapolated from
 the last two poses."""
 MOST_POSES = 5000
-"""At most so many poses are kept: those of 50 s at 100 a second."""
+"""How many poses are kept: those of 50 s at 100 a second."""
 
 
 def step(previous: Scan | None, scan: Scan) -> NDArray[np.float64] | None:
     """The pose (4, 4) of a scan in the frame of the previous one, by odometry; None if unknown.
 
-    It is unknown between scans of two recordings, which have an odometry each. But one that goes on
-    within ODOMETRY_GAP_S after another is its next file.
+    It is unknown between scans of two recordings, since each recording has its own odometry frame.
+    But a recording that starts within ODOMETRY_GAP_S after another counts as its next file.
     """
     if previous is None:
         return None

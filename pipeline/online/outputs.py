@@ -1,7 +1,7 @@
 """Writes fixes in the formats of `yearloc localize`: text, JSON, CSV, TUM, or an MCAP bag.
 
-`writer` opens one of them; `record` and `person` are a single fix as a JSON object and as a line of
-text, which the server and other commands use too.
+`writer` opens an output in one of these formats. `record` and `person` give a single fix as a JSON
+object and as a line of text, for the server and other commands too.
 """
 
 import csv
@@ -40,17 +40,17 @@ COLUMNS = (
     "accepted_at",
     "ms",
 )
-"""The columns of a CSV file: all of a fix that a row can hold; the stamp is in seconds."""
+"""The columns of a CSV file; the stamp is in seconds."""
 FRAME = "map"
-"""The frame of the world in a bag, in which poses are."""
+"""The frame of the poses in a bag: the world."""
 Write = Callable[[Scan, Fix], None]
-"""Writes one scan's fix."""
+"""Writes the fix of one scan."""
 
 
 def record(scan: Scan, fix: Fix) -> dict[str, Any]:
     """A fix as a JSON object: COLUMNS, covariance in the world, runners-up.
 
-    What is unknown is None.
+    Unknown values are None.
     """
     row = dict(zip(COLUMNS, _row(scan, fix), strict=True))
     row["stamp"] = None if scan.stamp_ns is None else scan.stamp_ns / 1e9
@@ -86,7 +86,7 @@ def _row(scan: Scan, fix: Fix) -> list[Any]:
 
 
 def _pose(world_T_sensor: NDArray[np.float64]) -> dict[str, float | None]:
-    """A pose (4, 4) as POSE; None for each where it is unknown."""
+    """A pose (4, 4) as the values of POSE, each None if the pose is unknown."""
     if not np.isfinite(world_T_sensor).all():
         return dict.fromkeys(POSE)
     quaternion = Rotation.from_matrix(world_T_sensor[:3, :3]).as_quat(canonical=True)
@@ -95,13 +95,13 @@ def _pose(world_T_sensor: NDArray[np.float64]) -> dict[str, float | None]:
 
 
 def stamp_of(scan: Scan, number: int) -> int:
-    """The stamp of a scan in ns, or else its number in seconds."""
+    """The stamp of a scan in ns; without a stamp, its number in seconds."""
     return number * 10**9 if scan.stamp_ns is None else scan.stamp_ns
 
 
 def in_world(fix: Fix) -> NDArray[np.float64]:
     """The covariance (6, 6) of a fix along the world's axes: x, y, z, then turns, as in ROS."""
-    both_turned = np.kron(np.eye(2), fix.world_T_sensor[:3, :3])  # the turns and the steps similar
+    both_turned = np.kron(np.eye(2), fix.world_T_sensor[:3, :3])  # rotates the turns and the steps
     turns_first = both_turned @ fix.covariance @ both_turned.T
     steps_first = [3, 4, 5, 0, 1, 2]
     return np.asarray(turns_first[np.ix_(steps_first, steps_first)])
@@ -122,9 +122,9 @@ def person(scan: Scan, fix: Fix) -> str:
 
 @contextmanager
 def writer(kind: str, path: Path | None) -> Iterator[Write]:
-    """Writes fixes of a `kind`, text, json, csv, tum or mcap, to a path or to standard output.
+    """Writes fixes as `kind` (text, json, csv, tum or mcap) to a path or to standard output.
 
-    TUM and mcap have only the accepted ones, since their readers know no verdict. A scan without a
+    tum and mcap get only the accepted fixes, since their readers know no verdict. A scan without a
     stamp has its number there, in seconds. Raises ConfigError for mcap without a path.
     """
     if kind == "mcap":
@@ -154,7 +154,7 @@ def writer(kind: str, path: Path | None) -> Iterator[Write]:
 
 
 def _text(kind: str, stream: TextIO) -> Write:
-    """Writes fixes to a stream, as any `kind` but mcap."""
+    """Writes fixes to a stream as `kind`, which is not mcap."""
     rows = csv.writer(stream)
     number = -1
     if kind == "csv":
@@ -191,6 +191,6 @@ def whole_bag(path: Path) -> Iterator[BagWriter]:
 
 
 def write_fix(bag: BagWriter, stamp_ns: int, fix: Fix) -> None:
-    """Writes an accepted fix as PoseWithCovarianceStamped on /fix in the frame FRAME, no other."""
+    """Writes a fix as PoseWithCovarianceStamped on /fix in the frame FRAME, if it is accepted."""
     if fix.verdict == "accepted":
         bag.pose_with_covariance(stamp_ns, FRAME, fix.world_T_sensor, in_world(fix), "/fix")

@@ -1,10 +1,10 @@
 """Packs a trained model of a study, its map and its verdict into a site file (METHODS 10.1).
 
 1. Read the model and the artifacts of its training day.
-2. Thin the day's submaps into a map, unless that is an artifact already.
-3. Read when a fix is to be accepted, as the stage `poses` has learned it from validation blocks of
-   the day; or learn it here.
-4. Write all of it, with what it was made of, into one file.
+2. Thin the day's submaps into a map, unless the map is an artifact already.
+3. Read the verdict that the stage `poses` learned from validation blocks of the day, or learn it
+   here.
+4. Write all of it, with its provenance, into one file.
 
 A model of level sweeps becomes a level site (level_pack.py).
 """
@@ -52,9 +52,10 @@ from pipeline.studies.study import Study, StudyMethod
 VERSIONS = ("numpy", "numba", "torch", "small_gicp", "safetensors")
 """Packages whose versions a site records."""
 NOT_PACKED = (VALIDATION, "curves/", "best_epoch")
-"""Arrays of a model whose names begin so are not needed to localise, and are left out."""
+"""Beginnings of the names of a model's arrays that localisation does not need; they are left out.
+"""
 SENSOR_SCANS = 9
-"""What the sensor looks like is judged by so many scans, evenly spread."""
+"""The sensor is described from this many scans, evenly spread over the day."""
 
 
 @dataclass(frozen=True)
@@ -67,23 +68,23 @@ class Trained:
     train: str
     """The sequence that was learned."""
     view: str
-    """What the method looks at: the name of a file of conf/view."""
+    """The method's view: the name of a file of conf/view."""
     model: Path
     labels: Path
     scans: Path
     submaps: Path
     views: Path
     map: Path
-    """The day's map; it may be missing, and is then made."""
+    """The day's map; if it is missing, it is made here."""
     verdict: Path | None = None
-    """What validation blocks taught the stage `poses`; it may be missing, and is then learned."""
+    """The verdict that the stage `poses` learned; if it is missing, it is learned here."""
 
     @classmethod
     def of_study(cls, layout: Layout, study: Study, grid: str, model_name: str) -> Self:
         """The model of a study in one of its grids.
 
-        Raises ConfigError for a name that the study does not have, and for a model that looks at
-        several scans.
+        Raises ConfigError for a name that the study does not have, and for a model that matches
+        sequences of scans.
         """
         dataset = study.name
         name = f"{dataset}/{grid}/{model_name}"
@@ -118,10 +119,10 @@ class Packing:
     """The folder conf/ of the project."""
 
     def pack(self, trained: Trained, out: Path, progress: Progress) -> str:
-        """Write the site of a model; returns what it holds, in a line.
+        """Write the site of a model; returns a line on its content.
 
-        Raises ConfigError for a model that looks at several scans; ArtifactError where an artifact
-        is missing.
+        Raises ConfigError for a model whose submaps gather several scans, ArtifactError if an
+        artifact is missing.
         """
         name = trained.name
         labels = store.read(trained.labels, schemas.Labels)
@@ -184,7 +185,7 @@ class Packing:
                 learned = Learned.of(evidence, evidence.verdict(settings["unseen_share"]))
             arrays = {key: site_map.load(key) for key in schemas.Maps.columns}
 
-        # all that the site says of itself
+        # the description of the site
         verdict = learned.verdict
         description = SiteDescription(
             name=name,
@@ -216,8 +217,7 @@ class Packing:
         places = f"{len(Places.of(labels).cells)} places, {len(arrays['world_T_anchor'])} submaps"
         return (
             f"{out}: {places}, {out.stat().st_size / 1e6:.1f} MB; by {verdict.validation} "
-            "validation "
-            f"blocks it {_target_words(description.verdict.reachable)}"
+            f"validation blocks it reaches the {_target_words(description.verdict.reachable)}"
         )
 
     def _write_map(
@@ -230,7 +230,7 @@ class Packing:
         write_map(path, scans, submaps, **lengths)
 
     def _provenance(self, trained: Trained) -> Provenance:
-        """What the site was made of: DVC's digests, versions, and the day that was learned."""
+        """The provenance of the site: DVC's digests, versions, and the training day."""
         lock = DvcLock.read(self.conf.parent / "dvc.lock")
         parts = {"model": trained.model, "labels": trained.labels, "scans": trained.scans}
         digests = {}
@@ -241,7 +241,7 @@ class Packing:
     def _sensor(
         self, scans: schemas.Scans, submaps: schemas.Submaps, reader: Mapping[str, Any]
     ) -> Sensor:
-        """What some of the training scans look like, and how high the reader raises them."""
+        """A description of some training scans, and how far the reader raises them."""
         rows = np.unique(np.linspace(0, len(submaps.scans) - 1, SENSOR_SCANS).astype(int))
         clouds = (next(iter(submap_points(scans, submaps, slice(row, row + 1)))) for row in rows)
         lift_m = float(reader.get("lidar_height_m", reader.get("lift_m", 0.0)))
@@ -249,15 +249,18 @@ class Packing:
 
 
 def _method_and_variant(study: Study, name: str, model_name: str) -> tuple[StudyMethod, str]:
-    """The study's entry of a model's method, and the variant; ConfigError if none can be packed."""
+    """The study's entry of a model's method, and the variant.
+
+    Raises ConfigError for a model that the study does not have or that cannot be packed.
+    """
     models = {
         model.name: (method, model.variant) for method in study.methods for model in method.models
     }
     if model_name not in models:
         if model_name.removesuffix("-pose") in models:
             raise ConfigError(f"{name}: pack {name.removesuffix('-pose')}; every site makes poses")
-        packed = [model for model, (method, _) in models.items() if not method.is_on_bird_views]
-        raise ConfigError(f"{name}: of {study.name} can be packed {', '.join(packed)}")
+        packable = [model for model, (method, _) in models.items() if not method.is_on_bird_views]
+        raise ConfigError(f"{name}: no such model to pack, expected one of {', '.join(packable)}")
     method, variant = models[model_name]
     if method.is_on_bird_views:
         raise ConfigError(f"{name}: matches sequences of bird-views; a site localises single scans")
@@ -265,20 +268,20 @@ def _method_and_variant(study: Study, name: str, model_name: str) -> tuple[Study
 
 
 def _target_words(kept: tuple[float, ...]) -> str:
-    """Words that say which of TARGET_PRECISIONS a site keeps, and which not.
+    """Words that say which of TARGET_PRECISIONS a site reaches, and which not.
 
-    TARGET_PRECISIONS are the easiest first, so that the kept ones come first.
+    TARGET_PRECISIONS are ascending, so the reached ones come first.
     """
-    words = f"target precisions {', '.join(map(str, kept)) or 'nothing'}"
+    words = f"target precisions {', '.join(map(str, kept)) or 'none'}"
     if len(kept) < len(TARGET_PRECISIONS):
         words += f", not {', '.join(map(str, TARGET_PRECISIONS[len(kept) :]))}"
     return words
 
 
 def learned_from(views: Rows, model: Model) -> Arrays:
-    """The arrays that a site keeps in order to grow.
+    """The arrays that a site needs for incremental learning.
 
-    These are the views that its model learned from, for each the number of its day and the
+    These are the views that its model learned from, the number of the day of each view, the
     probability that its pose is right, and the model's answers to validation views.
     """
     n = len(views.stamps_ns)

@@ -1,7 +1,8 @@
-"""Ranks places by a network of SCI or of its ring without torch, so that a site opens fast.
+"""Ranks places by a network of `sci` or `sci_ring` without torch, so that a site opens fast.
 
 The network is either exported and run by ONNX Runtime (`exported`), or computed in NumPy
-(networks/plain.py). `localizer` makes rankings of its answers, as the methods do (METHODS 2.6, 8).
+(networks/plain.py). `localizer` turns its answers into rankings, as the methods do (METHODS 2.6 and
+8).
 """
 
 from collections.abc import Callable, Mapping
@@ -48,8 +49,9 @@ def exported(data: bytes, threads: int) -> Network:
 def localizer(network: Network, model: Mapping[str, NDArray[Any]]) -> Localizer:
     """A localizer that ranks the k places of the highest softmax of a network's scores.
 
-    The novelty of a query is one minus the highest. A network with headings is that of the ring:
-    its first answer lies where the training view with the most similar features was taken.
+    The novelty of a query is one minus the highest softmax. A network with headings is of
+    `sci_ring`: its first answer has the position of the training view with the most similar
+    features.
     """
     place_xy_m = model["place_xy_m"]
     training_return_profiles = ReturnProfiles.of(model) if ReturnProfiles.is_in(model) else None
@@ -70,8 +72,7 @@ def localizer(network: Network, model: Mapping[str, NDArray[Any]]) -> Localizer:
         xy_m = place_xy_m[places]
         if np.isfinite(headings).all():
             xy_m[:, 0] = model["memory_xy_m"][(features @ model["memory"].T).argmax(axis=1)]
-        # the probabilities (query, k) of these places; costs and novelty are one minus a
-        # probability
+        # (query, k); costs and novelty are one minus a probability
         place_probabilities = np.take_along_axis(probabilities, places, axis=1)
         costs = (1 - place_probabilities).astype(np.float32)
         novelty = (1 - place_probabilities[:, :1]).astype(np.float32)

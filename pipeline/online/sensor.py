@@ -1,7 +1,7 @@
 """Checks whether scans come from a sensor like the one that a site was learned with.
 
-`typical` sums up what the training scans look like, when a site is packed; `unlike` compares a scan
-with that, and says in a line what is wrong and how to place the points instead.
+`typical` describes the training scans when a site is packed. `unlike` compares a scan with this
+description, and says in a line what differs and which option corrects it.
 """
 
 from collections.abc import Iterable
@@ -17,23 +17,24 @@ from pipeline.online.tilt import LEVEL_DEG, Lean, lean
 from pipeline.readers.log import raised
 
 HEIGHT_M = 0.5
-"""A sensor is as high as another within this."""
+"""Sensors whose heights differ by more are unlike."""
 BEAM_RATIO = 1.5
-"""A sensor has as many beams as another within this ratio."""
+"""Sensors whose numbers of beams differ by a larger ratio are unlike."""
 ROUND_DEG = 60.0
-"""A sensor covers as much azimuth as another, less at most this."""
+"""A sensor that covers less azimuth than the site's by more than this is unlike."""
 RAISE = "--lift {:.2f}"
-"""The option by which the command line raises points."""
+"""The option of the command line that raises the points."""
 TURN = "--body-T-lidar={}"
-"""The option by which it places them, with x, y, z in metres and roll, pitch, yaw in degrees."""
+"""The option of the command line for the lidar's pose, with x, y, z in metres and roll, pitch, yaw
+in degrees."""
 OF_LOGS = "{:+.2f} m more of reader.lift_m (of KITTI lidar_height_m)"
-"""The setting by which the reader of a log raises them."""
+"""The setting by which the reader of a log raises the points."""
 COMPARED_BY_NUMBER = (Kind.GROUND, Kind.BEAMS, Kind.NOT_ROUND)
-"""Symptoms of a scan that say less than the numbers that are compared here."""
+"""Symptoms of a scan that are left out, since their numbers are compared here."""
 
 
 def typical(clouds: Iterable[NDArray[np.float64]], lift_m: float) -> Sensor:
-    """What scans (n, 3) of a sensor look like, as medians; a reader raised them by `lift_m`.
+    """Describe the scans (n, 3) of a sensor by medians; a reader raised them by `lift_m`.
 
     A median is None if most scans have no value.
     """
@@ -62,16 +63,16 @@ def unlike(
     body_T_lidar: Poses | None,
     ways: tuple[str, str] = (RAISE, TURN),
 ) -> list[str]:
-    """Warnings where the sensor of a scan (n, 3) is unlike that of the site, `trained`.
+    """Warnings if the sensor of a scan (n, 3) is unlike the site's sensor `trained`.
 
-    The points have been placed by `body_T_lidar` (4, 4), or by a log's reader if that is None.
-    `ways` are the options by which the user can raise points, and place them.
+    The points were transformed by `body_T_lidar` (4, 4), or by a log's reader if that is None.
+    `ways` are the user's options to raise points, and to give the lidar's pose.
     """
     diagnosis = diagnose(points_m)
     expected_kinds = {*trained.warnings, *COMPARED_BY_NUMBER}
     unexpected = [symptom for symptom in diagnosis.symptoms if symptom.kind not in expected_kinds]
     is_upside_down = any(symptom.kind == Kind.DOWN for symptom in unexpected)
-    if leaning := lean(points_m, is_upside_down):  # then heights say nothing
+    if leaning := lean(points_m, is_upside_down):  # heights cannot be compared then
         return [_leaning(leaning, body_T_lidar, ways)]
     remedy = OF_LOGS.format(-diagnosis.ground_m)
     if body_T_lidar is not None and np.isfinite(diagnosis.ground_m):
@@ -83,7 +84,7 @@ def unlike(
 
 
 def _leaning(leaning: Lean, body_T_lidar: Poses | None, ways: tuple[str, str]) -> str:
-    """Says how a scan leans, and unless a log's reader placed it, how it would stand upright."""
+    """Says how a scan is tilted and, unless a log's reader placed it, which option corrects it."""
     faults = []
     if leaning.upside_down:
         faults.append("upside down")
@@ -98,7 +99,7 @@ def _leaning(leaning: Lean, body_T_lidar: Poses | None, ways: tuple[str, str]) -
 
 
 def _raised(body_T_lidar: Poses, ground_m: float, ways: tuple[str, str]) -> str:
-    """The option by which the ground of the points, now at `ground_m`, would be at z = 0."""
+    """The option that moves the ground of the points from z = `ground_m` to z = 0."""
     way_to_raise, way_to_place = ways
     placement = raised(-ground_m) @ body_T_lidar
     lift_m = placement[2, 3]
@@ -116,7 +117,7 @@ def _numbers(pose: Poses) -> str:
 
 
 def _differences(diagnosis: Diagnosis, trained: Sensor, remedy: str) -> Iterable[str]:
-    """Warnings where the numbers of a scan differ from those of the training scans."""
+    """Warnings if the numbers of a scan differ from those of the training scans."""
     beams = trained.beams
     height_m = trained.sensor_m
     azimuth_deg = trained.azimuth_deg

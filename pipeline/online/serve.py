@@ -1,7 +1,7 @@
 """Localises over HTTP: POST /localize answers a scan with its fix as JSON (`yearloc serve`).
 
-Scans are localised one after the other, and a few may wait; GET /healthz and GET /metrics, for
-Prometheus, tell how the server is doing.
+Scans are localised one after the other, and MOST_WAITING may wait. GET /healthz and GET /metrics,
+for Prometheus, report the state of the server.
 """
 
 import asyncio
@@ -31,25 +31,25 @@ from pipeline.online.site import Fix, Site
 from pipeline.readers.log import raised
 
 FORM = "application/x-www-form-urlencoded"
-"""The content type that curl and others give a body by themselves; it is read as FLOATS."""
+"""The content type that curl sends by default; the body is read as FLOATS."""
 BODY_S = 10.0
 """A body that takes longer to arrive is refused."""
 ANSWER_S = 30.0
-"""A request gets an answer within this, or none."""
+"""A request that takes longer to answer gets an error."""
 MOST_WAITING = 16
-"""At most so many scans wait in one worker; a further one is refused."""
+"""How many scans may wait in one worker; further scans are refused."""
 GONE_STATUS = 499
 GONE_REASON = "the client is gone"
-"""The status, for the metrics, and the reason of a request whose client has left."""
+"""The status, for the metrics, and the reason of a request whose client has disconnected."""
 WAYS = "lift_m={:.2f}", "body_T_lidar={}"
-"""The options by which a request raises its points, or places them (sensor.py)."""
+"""The options of a request to raise its points, and to give the lidar's pose (sensor.py)."""
 SITE = "YEARLOC_SITE"
 TOKEN = "YEARLOC_TOKEN"
-"""Environment variables: the path of the site, and the token that requests must bear."""
+"""Environment variables: the path of the site, and the bearer token of requests."""
 
 
 class RequestError(Exception):
-    """A request gets no fix, but this HTTP status, and the reason in a line."""
+    """A request is answered with this HTTP status and the reason in a line, without a fix."""
 
     def __init__(self, status: int, reason: str, retry_after_s: int | None = None) -> None:
         """`retry_after_s` tells the client when it may try again."""
@@ -59,7 +59,7 @@ class RequestError(Exception):
 
 
 def check_reach(host: str, token: str) -> None:
-    """Raise ConfigError if other machines can reach the address `host` and there is no token."""
+    """Raise ConfigError if other machines can reach the address `host` but `token` is empty."""
     try:
         local = host == "localhost" or ip_address(host).is_loopback
     except ValueError:
@@ -71,9 +71,9 @@ def check_reach(host: str, token: str) -> None:
 
 
 def serving(path: Path, token: str = "") -> FastAPI:
-    """The HTTP application of the site at `path`; requests must bear the token, unless it is empty.
+    """The HTTP application of the site at `path`; requests need the token, unless it is empty.
 
-    Raises ArtifactError where there is no site.
+    Raises ArtifactError if there is no site.
     """
     site = Site.open(path)
     localizing = ThreadPoolExecutor(1)  # one scan after the other
@@ -90,7 +90,7 @@ def serving(path: Path, token: str = "") -> FastAPI:
         registry=registry,
         buckets=(0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5),
     )
-    sensor_warnings: list[str] | None = None  # of the first scan that has a pose
+    sensor_warnings: list[str] | None = None  # for the first scan that has a pose
     last_ms = 1e3
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
 
@@ -117,7 +117,7 @@ def serving(path: Path, token: str = "") -> FastAPI:
         if waiting.locked():
             raise RequestError(
                 503,
-                f"{MOST_WAITING} scans wait already; ask again",
+                f"{MOST_WAITING} scans wait already; try again later",
                 ceil(MOST_WAITING * last_ms / 1e3),
             )
         async with waiting:
@@ -160,19 +160,19 @@ def serving(path: Path, token: str = "") -> FastAPI:
 
 
 def from_environment() -> FastAPI:
-    """The application of the environment's site and token, as each of several workers builds it."""
+    """The application of the environment's site and token, which each worker builds."""
     return serving(Path(os.environ[SITE]), os.environ.get(TOKEN, ""))
 
 
 def _authorise(request: Request, token: str) -> None:
-    """Raise RequestError for a request that does not bear the token."""
+    """Raise RequestError for a request without the token."""
     authorization = request.headers.get("authorization", "").encode("utf-8", "replace")
     if token and not hmac.compare_digest(authorization, f"Bearer {token}".encode()):
         raise RequestError(401, "expected the header Authorization: Bearer TOKEN")
 
 
 def _check_options(request: Request) -> None:
-    """Raise RequestError for an option that there is not."""
+    """Raise RequestError for an unknown option."""
     unknown_options = {*request.query_params} - {"target_precision", "lift_m", "body_T_lidar"}
     if unknown_options:
         raise RequestError(
@@ -183,7 +183,7 @@ def _check_options(request: Request) -> None:
 
 
 def _target_precision(request: Request, site: Site) -> float | None:
-    """The target precision that a request asks for; RequestError where the site has none such."""
+    """The target precision of a request; RequestError if the site has no threshold for it."""
     target_precision = None
     if request.query_params.get("target_precision") != "none":
         target_precision = _number(request, "target_precision", 0.99)
@@ -195,7 +195,7 @@ def _target_precision(request: Request, site: Site) -> float | None:
 
 
 def _placement(request: Request, site: Site) -> Poses:
-    """The pose (4, 4) of a request's points in the body; RequestError for one that is none."""
+    """The pose (4, 4) of the lidar by a request's options; RequestError if it is malformed."""
     lift_m = _number(request, "lift_m", site.description.sensor.lift_m)
     if (text := request.query_params.get("body_T_lidar")) is None:
         return raised(lift_m)
@@ -208,7 +208,7 @@ def _placement(request: Request, site: Site) -> Poses:
 
 
 def _number(request: Request, name: str, default: float) -> float:
-    """The number of an option; RequestError if it is none."""
+    """The number of an option; RequestError if it is not a number below 1000."""
     text = request.query_params.get(name)
     try:
         number = default if text is None else float(text)
@@ -220,7 +220,7 @@ def _number(request: Request, name: str, default: float) -> float:
 
 
 async def _body(request: Request) -> bytes:
-    """Read the body of a request; raises RequestError for one that is too long or too slow."""
+    """Read the body of a request; raises RequestError if it is too long or too slow."""
 
     async def read() -> bytes:
         parts = bytearray()
@@ -239,9 +239,9 @@ async def _body(request: Request) -> bytes:
 
 
 async def _while_connected(request: Request, future: "Future[Fix]") -> Fix:
-    """Wait for a fix while its client is connected, for ANSWER_S at most.
+    """Wait for a fix while its client is connected, at most ANSWER_S.
 
-    A fix that nobody waits for any more leaves the queue. Raises RequestError without a fix.
+    If the client disconnects, its fix leaves the queue. Raises RequestError without a fix.
     """
     disconnect = asyncio.ensure_future(request.receive())
     answer = asyncio.wrap_future(future)
@@ -260,7 +260,7 @@ async def _while_connected(request: Request, future: "Future[Fix]") -> Fix:
 
 
 def _points(body: bytes, kind: str) -> tuple[int | None, NDArray[np.float64]]:
-    """Decode the stamp and points (n, 3) of a body; raises RequestError for one that is no scan."""
+    """Decode the stamp and points (n, 3) of a body; raises RequestError if it is no scan."""
     kind = kind.partition(";")[0].strip()
     if kind not in (CDR, FLOATS, FORM, ""):
         raise RequestError(

@@ -1,11 +1,11 @@
 """A site: all that it takes to localise scans in a place, opened from one file.
 
-A scan goes in, a `Fix` comes out: where it was taken, and whether to accept that (METHODS 10.1):
+A scan goes in, a `Fix` comes out: its pose, and whether to accept it (METHODS 10.1).
 
-1. The method ranks places by the scan (`rank`).
-2. The scan is registered with the map at these places, then all over the map (`register`): its
-   hypotheses are the poses that it may have.
-3. The verdict that was learned with the site tells which to accept (`judge`).
+1. The method ranks the places for the scan (`rank`).
+2. The scan is registered with the map at these places, then all over the map (`register`). The
+   result is hypotheses: poses that it may have.
+3. The verdict that was learned with the site says which claims to accept (`judge`).
 """
 
 import time
@@ -39,22 +39,22 @@ from pipeline.posing.verdict import CLAIMS, AnyFix, Judge
 ROOTS = ("pipeline.methods.", "pipeline.views.", "pipeline.posing.")
 """A site file may name classes of these modules only."""
 LEVEL_SITE = ("pipeline.online.level_site", "LevelSite")
-"""The module and class of a level site. It is a Site, so its module imports this one, and is
+"""The module and class of a level site. It is a Site, so its module imports this one; it is
 imported here only when it is needed."""
 LOOKS = ("colormap", "h_min_m", "h_max_m")
-"""Settings of a method by which its network looks at heights."""
+"""Settings of a method that map heights to the input of its network."""
 NO_PLACE = -1
 """The place of a pose outside of all places."""
 RUNNERS_UP = 3
-"""A fix names at most so many other poses."""
+"""How many other poses a fix lists at most."""
 FARTHEST_M = 1e3
-"""Points farther from the origin are dropped: no lidar sees so far."""
+"""Points farther from the origin are dropped: no lidar reaches so far."""
 SWEEP_POINTS = 50
-"""Fewer points do not tell a level sweep from a 3-D scan; they make no pose anyway."""
+"""With fewer points, a level sweep cannot be told from a 3-D scan; they give no pose anyway."""
 WALLS_M = (0.3, np.inf)
-"""Points below the first of these heights are ground, which would hide the walls."""
+"""The heights of walls; points below are ground, which would hide the walls."""
 Word = Literal["accepted", "near", "ambiguous", "rejected", "no pose"]
-"""The verdict on a fix, at the target precision that was asked for.
+"""The verdict on a fix, at the caller's target precision.
 
 - accepted: the pose is right, within 2 m and 5° (in a level site 1 m and 10°).
 - near: the pose may be wrong, but the robot is within 15 m of it (in a level site 5 m).
@@ -63,9 +63,9 @@ Word = Literal["accepted", "near", "ambiguous", "rejected", "no pose"]
 - no pose: there are too few points, or nothing fits.
 """
 WORDS: tuple[Word, ...] = ("accepted", "near", "ambiguous")
-"""What is said of a fix if one of CLAIMS (posing/verdict.py) is accepted: that its pose is right,
-that its place is right, or that its pose or a runner-up is. A claim has an error probability, one
-minus its probability, and is accepted if its error probability is below a threshold."""
+"""The verdict if a claim of CLAIMS (posing/verdict.py) is accepted: the pose is right, the place is
+right, or the pose or a runner-up is right. A claim is accepted if its error probability, one minus
+its probability, is below a threshold."""
 NO_THRESHOLDS = (0.0,) * len(CLAIMS)
 """With these thresholds nothing is accepted."""
 
@@ -102,7 +102,7 @@ class Fix:
     place_novelty: float
     """One minus the probability that the robot is within 15 m of the pose (in a level site 5 m)."""
     accepted_at: float | None
-    """The highest target precision that this pose keeps; None if it keeps none."""
+    """The highest target precision at which this pose is accepted; None if there is none."""
     runners_up: tuple[RunnerUp, ...]
     """Other poses, the likeliest first: 5 m or more away (in a level site 1 m or 20°)."""
     ms: float
@@ -120,9 +120,9 @@ class Site:
     is_level = False
     """Whether it localises the sweeps of a level 2-D laser, not 3-D scans."""
     gathers = False
-    """Whether it gathers scans along a drive, and so takes their odometry without tracking too."""
+    """Whether it gathers scans along a drive, and so uses their odometry also without tracking."""
     message: ClassVar[str] = CLOUD
-    """The kind of a bag's messages that it localises."""
+    """The type of the messages in a bag that it localises."""
 
     def __init__(self, parts: Parts, threads: int = 1) -> None:
         """Build a site from the content of its file; `threads` is for the network."""
@@ -148,8 +148,8 @@ class Site:
             expectations=Expectations.of_arrays(arrays),
         )
         self.target_precisions: dict[float, tuple[float, ...]] = verdict.thresholds
-        """For each target precision that a pose can reach, the thresholds of the error
-        probabilities in CLAIMS."""
+        """For each target precision that a pose can reach, the thresholds on the error
+        probabilities of CLAIMS."""
         self.k = description.k
 
     @classmethod
@@ -157,7 +157,7 @@ class Site:
         """Open a site file. A level site is opened too, as a LevelSite, unless `level` is False.
 
         `threads` is for the network. Raises ArtifactError for a file that is not whole or of
-        another version, NotInstalledError where a package that it needs is missing.
+        another version, NotInstalledError if a package that it needs is missing.
         """
         path = Path(path)
         parts = read_either(path) if level else read(path)
@@ -207,9 +207,10 @@ class Site:
     ) -> Fix:
         """Localise a scan's points (n, 3) in metres: x forward, y left, z up, ground at z = 0.
 
-        Points that are not finite are dropped. The fix is accepted if it keeps `target_precision`,
-        one of the precisions in `target_precisions`; None accepts nothing. Raises InputError for
-        points of another shape, or a target precision that the site has no threshold for.
+        Points that are not finite are dropped. The fix is accepted if it is right at
+        `target_precision`, a key of the attribute `target_precisions`; None accepts nothing. Raises
+        InputError for points of another shape, or a target precision that the site has no threshold
+        for.
         """
         start = time.perf_counter()
         self.check(target_precision)
@@ -222,11 +223,11 @@ class Site:
         return ScanDrive()
 
     def points(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
-        """The points of a scan that count; raises InputError for another shape or type."""
+        """The finite points (n, 3) of a scan; raises InputError for another shape or type."""
         return finite(points_m)
 
     def single(self, points_m: NDArray[np.floating]) -> Any:
-        """What is sought in the map for a single scan; raises InputError for a level sweep."""
+        """The query of a single scan; raises InputError for a level sweep."""
         points_m = self.points(points_m)
         if len(points_m) >= SWEEP_POINTS and is_level([points_m]):
             raise InputError(
@@ -245,7 +246,7 @@ class Site:
 
     def rank(self, points_m: NDArray[np.float64]) -> Ranking:
         """The method's ranking of places for one scan (n, 3), as a ranking of one query."""
-        # the stamp and the pose of a single query do not count
+        # the stamp and the pose of a single query are not used
         stamps_ns = np.zeros(1, np.int64)
         poses = np.eye(4)[None]
         return self.localizer(Rows(self.view(points_m)[None], stamps_ns, poses), self.k)
@@ -264,20 +265,21 @@ class Site:
         target_precision: float | None,
         is_tracked: bool = False,
     ) -> Fix:
-        """The fix of a query, by the poses that it may have; its time is yet to be filled in.
+        """The fix of a registered query; its time `ms` is yet to be filled in.
 
-        `is_tracked` says that these were sought near a guess alone.
+        `is_tracked` says that its hypotheses were sought only near a guess.
         """
         return self.judge(registered, target_precision)
 
     def judge(self, registered: AnyFix, target_precision: float | None) -> Fix:
-        """The fix of a registered scan, with the verdict that a target precision allows.
+        """The fix of a registered scan, with its verdict at a target precision.
 
-        The hypotheses are in the order of their probabilities. The time is yet to be filled in.
+        The hypotheses are in the order of their probabilities. The time `ms` is yet to be filled
+        in.
         """
         if not registered.hypotheses:
             return no_pose(registered.covariance)
-        # rounded as the error probabilities of a run are, from which the thresholds were learned
+        # rounded like the error probabilities from which the thresholds were learned
         error_probabilities = (
             self.claim_judge.error_probabilities(registered).astype(np.float32).astype(np.float64)
         )
@@ -310,11 +312,10 @@ class Site:
     def verdict_of(
         self, error_probabilities: NDArray[np.float64], target_precision: float | None
     ) -> tuple[Word, float | None]:
-        """The verdict on a fix with a pose, by the error probabilities (claim,) in it and a target
-        precision.
+        """The verdict on a fix with a pose, from the error probabilities (claim,) of its claims.
 
-        Returns the first of WORDS whose claim reaches the target precision, and the highest target
-        precision that the pose keeps, None if it keeps none.
+        Returns the first of WORDS whose claim is accepted at the target precision, and the highest
+        target precision at which the pose is accepted, or None.
         """
         thresholds = (
             NO_THRESHOLDS
@@ -335,26 +336,27 @@ class Site:
         ]
         return verdict, max(met_precisions, default=None)
 
-    def kept_along_path(self, fix: Fix, probability: float, by_path: bool) -> list[float]:
-        """The target precisions at which a fix is accepted, right with `probability` given all
-        scans before.
+    def precisions_along_path(self, fix: Fix, probability: float, by_path: bool) -> list[float]:
+        """The target precisions at which a fix is accepted, given all scans before.
 
-        Unless it may be accepted `by_path`, they are only those that it keeps alone.
+        `probability` is the probability that it is right, given these scans. Unless the fix may be
+        accepted `by_path`, it must be accepted at the target precision by its own scan too.
         """
-        kept_alone = fix.accepted_at or 0.0
+        accepted_alone_at = fix.accepted_at or 0.0
         return [
             target_precision
             for target_precision in self.target_precisions
-            if probability >= target_precision and (by_path or target_precision <= kept_alone)
+            if probability >= target_precision
+            and (by_path or target_precision <= accepted_alone_at)
         ]
 
     @property
     def path_m(self) -> NDArray[np.float64] | None:
-        """The path (n, 3) along which it was learned, in metres in the world, if it is kept."""
+        """The training path (n, 3) in metres in the world; None if the site has no path."""
         return np.asarray(self.targets.world_T_anchor[:, :3, 3])
 
     def walls_of(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Those of a scan's points (n, 3) that may be of walls: without the ground."""
+        """The points (n, 3) of a scan without the ground."""
         return standing(points_m, WALLS_M)
 
     @property
@@ -369,7 +371,7 @@ class Site:
     def unlike(
         self, points_m: NDArray[np.float64], body_T_lidar: Poses | None, *ways: tuple[str, str]
     ) -> list[str]:
-        """Warnings where the sensor of a scan (n, 3) is unlike the site's: see sensor.unlike."""
+        """Warnings if the sensor of a scan (n, 3) is unlike the site's: see sensor.unlike."""
         from pipeline.online.sensor import unlike  # takes long to import
 
         return unlike(points_m, self.description.sensor, body_T_lidar, *ways)
@@ -380,7 +382,7 @@ class Site:
 
 
 def no_pose(covariance: NDArray[np.float64]) -> Fix:
-    """The fix of a scan without a pose, and with this covariance (6, 6): infinite, or NaN."""
+    """The fix of a scan without a pose; `covariance` (6, 6) is infinite or NaN."""
     return Fix(
         verdict="no pose",
         place=NO_PLACE,
@@ -398,7 +400,7 @@ def no_pose(covariance: NDArray[np.float64]) -> Fix:
 def finite(points_m: NDArray[np.floating]) -> NDArray[np.float64]:
     """The points (n, 3) that are finite and within FARTHEST_M on each axis.
 
-    Raises InputError for anything of another shape or type.
+    Raises InputError for points of another shape or type.
     """
     points_m = np.asarray(points_m)
     if points_m.ndim != 2 or points_m.shape[1] != 3 or points_m.dtype.kind not in "fiu":

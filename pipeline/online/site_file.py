@@ -1,7 +1,7 @@
 """Reads and writes site files: a zip of site.json, model.safetensors and map.safetensors.
 
-A site that can be updated has views.safetensors besides, an exported one network.onnx. Reading a
-file runs nothing that is in it, and unpacks nothing to disk.
+A site that can be updated also has views.safetensors, an exported site also network.onnx. Reading a
+file runs no code from it, and unpacks nothing to disk.
 """
 
 import json
@@ -28,9 +28,9 @@ VIEWS = "views.safetensors"
 REQUIRED = {ABOUT, MODEL, MAP}
 OPTIONAL = {VIEWS, NETWORK}
 LARGEST_BYTES = 2**32
-"""A file that would unpack to more is refused."""
+"""A file that would unpack to more bytes is refused."""
 EPOCH = (1980, 1, 1, 0, 0, 0)
-"""The time of every file in the zip, so that the same site has the same bytes."""
+"""The time of every file in the zip, so that equal sites have equal bytes."""
 Arrays = Mapping[str, NDArray[Any]]
 """Arrays by name."""
 
@@ -43,12 +43,12 @@ class Parts(NamedTuple):
     model: Arrays
     """The arrays that the method learned."""
     arrays: Arrays
-    """The map, the cells of the places, and what is expected of fixes (posing/expectations.py)."""
+    """The map, the cells of the places, and the expected features (posing/expectations.py)."""
     network: bytes | None
-    """The network as an ONNX file; then `model` has no weights. None if it was not exported."""
+    """The network as an ONNX file; `model` has no weights then. None if it was not exported."""
     views: Arrays = MappingProxyType({})
-    """The views that the model learned from, and its answers to validation ones (pack.py). They are
-    read only if they are asked for."""
+    """The views that the model learned from, and its answers to validation views (pack.py). They
+    are read only on request."""
 
 
 class LevelParts(NamedTuple):
@@ -126,7 +126,7 @@ def read_either(path: Path, views: bool = False) -> Parts | LevelParts:
         raise ArtifactError(f"{path}: a folder, expected a site file") from None
     except YearlocError:
         raise
-    # zipfile, zlib, json and safetensors raise whatever they like at a damaged file
+    # zipfile, zlib, json and safetensors raise errors of many classes for a damaged file
     except Exception as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:120]
         raise ArtifactError(f"{path}: no whole site ({reason}); copy or pack it again") from None
@@ -146,7 +146,7 @@ def read_either(path: Path, views: bool = False) -> Parts | LevelParts:
 
 
 def _check_entries(path: Path, file: zipfile.ZipFile) -> None:
-    """Raise ArtifactError for a zip that has not the files of a site, or is far too large."""
+    """Raise ArtifactError for a zip that lacks files of a site, has others, or is too large."""
     names = file.namelist()
     has_parts = set(names) - OPTIONAL == REQUIRED
     if not has_parts or len(names) != len(set(names)):

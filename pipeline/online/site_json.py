@@ -11,18 +11,18 @@ from pipeline.level.fix import LevelFixer
 from pipeline.posing.verdict import Verdict
 
 VERSION = 6
-"""The version of site files that is written, and read."""
+"""The version of site files that is written and read."""
 Settings = Mapping[str, Any]
-"""The settings of one object: its `_target_`, a class, and the parameters of that, as
+"""The settings of one object: its class as `_target_`, and the class's parameters, as
 `pipeline.core.building.build` takes them."""
 
 
 @dataclass(frozen=True)
 class MapSettings:
-    """How the points of the map are kept."""
+    """How the points of the map are stored."""
 
     grain_m: float
-    """The points are whole numbers of this many metres."""
+    """The points are stored as whole multiples of this length."""
     range_m: float
     """The map has the points within this distance of their submap's anchor."""
     single: bool
@@ -31,9 +31,9 @@ class MapSettings:
 
 @dataclass(frozen=True)
 class Sensor:
-    """What the scans that the site learned look like.
+    """A description of the training scans.
 
-    All but `lift_m` are medians over scans, None where most scans have no value.
+    All numbers but `lift_m` are medians over scans, None if most scans have no value.
     """
 
     lift_m: float
@@ -49,15 +49,15 @@ class Sensor:
     sensor_m: float | None
     """The height of the sensor over the ground."""
     warnings: tuple[str, ...]
-    """The kinds of warning that the scans give themselves (pipeline.inspection.symptoms)."""
+    """The kinds of warnings on the training scans (pipeline.inspection.symptoms)."""
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """What the site was made of."""
+    """The origin of a site: its training sequence, artifacts and packages."""
 
     train: str
-    """The sequence that was learned, or the file of a map."""
+    """The training sequence, or the file of a map."""
     md5: Mapping[str, str | None]
     """DVC's digest of each artifact; None if it is unknown."""
     versions: Mapping[str, str]
@@ -79,17 +79,17 @@ class LearnedDay:
     views: int
     """How many scans were learned."""
     places: int | None = None
-    """How many new places it brought; None on the first day."""
+    """The number of new places; None on the first day."""
     changed: int | None = None
-    """How many submaps had changed; None on the first day."""
+    """The number of changed submaps; None on the first day."""
 
 
 @dataclass(frozen=True)
 class Increments:
-    """What a site needs in order to grow."""
+    """What a site needs for incremental learning."""
 
     voxel_m: float
-    """The map has one point in each voxel of this side."""
+    """The map has one point in each voxel with this side."""
     days: tuple[LearnedDay, ...]
     """The days learned so far."""
 
@@ -105,7 +105,7 @@ class SiteDescription:
     method: Settings
     """The method that ranks places."""
     view: Settings
-    """The view that the method looks at."""
+    """The view that the method uses."""
     fixer: Settings
     """The search for poses (posing/search.py)."""
     k: int
@@ -131,7 +131,7 @@ class LevelSettings:
     origin: tuple[float, ...]
     """x, y in metres and yaw in radians of the outer corner of cell (0, 0)."""
     over_m: float
-    """Sweeps are gathered over so much path."""
+    """Sweeps are gathered over this length of path."""
     fixer: LevelFixer
 
 

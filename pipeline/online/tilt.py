@@ -1,7 +1,7 @@
 """Estimates how a scan is tilted, and whether it is upside down, from the plane of its ground.
 
-Planes through random points are tried. The plane of any tilt that holds most points is the ground,
-if it is tilted and holds clearly more of them than the best level plane.
+Planes through random points are tried. The plane with most points on it is the ground, if it is
+tilted and has clearly more points on it than the best level plane.
 """
 
 from dataclasses import dataclass
@@ -17,18 +17,18 @@ LEVEL_DEG = 4.0
 STEEPEST_DEG = 60.0
 """No ground leans more than this."""
 PLANES = 400
-"""So many random planes are tried."""
+"""How many random planes are tried."""
 NEAR_M = 0.15
 """A point nearer to a plane than this lies on it."""
 FROM_M = 2.0
 TO_M = 25.0
-"""Points between these distances from the sensor are looked at."""
+"""Points between these distances from the sensor are used."""
 APART_M = 0.4
-"""One point is taken in each square of this side, since ground and walls near by are dense."""
+"""One point is used per square with this side, since ground and walls near by are dense."""
 LEAST_SHARE = 0.2
-"""A tilted ground holds at least this share of the points."""
+"""A tilted ground has at least this share of the points on it."""
 LEAST_RATIO = 1.5
-"""A tilted ground holds at least so many times the points of the best level plane."""
+"""A tilted ground has at least this many times the points of the best level plane on it."""
 OFF_GROUND_M = 0.5
 BELOW_RATIO = 3.0
 """A scan is upside down if more than BELOW_RATIO times as many points lie OFF_GROUND_M below its
@@ -50,7 +50,7 @@ class Lean:
 def lean(points_m: NDArray[np.float64], upside_down: bool = False) -> Lean | None:
     """Estimate how a scan's points (n, 3) are tilted; None if level, or without a clear ground.
 
-    If the scan is known to be upside down, level ground will do.
+    If the scan is known to be upside down, level ground is accepted too.
     """
     range_m = np.hypot(points_m[:, 0], points_m[:, 1])
     near_m = points_m[(range_m > FROM_M) & (range_m < TO_M)]

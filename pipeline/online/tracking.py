@@ -1,16 +1,16 @@
-"""Follows a robot along its path through a site (METHODS 10.3, of level sweeps 13.5).
+"""Tracks a robot along its path through a site (METHODS 10.3; level sweeps: 13.5).
 
 For each scan a `Tracker`
 
-1. moves what is believed (paths/belief.py) by the step of odometry since the last scan, or without
-   odometry by what the site's kind of drive makes of that: it predicts the step (motion.py) or
-   forgets the robot;
-2. seeks the scan at the predicted pose, if the robot is tracked; if it is lost, in the whole map;
-3. judges the fix by what is believed of all scans so far;
-4. tracks the robot from an accepted fix on; after PATIENCE scans without one it is lost.
+1. moves its belief (paths/belief.py) by the step of odometry since the last scan. Without odometry
+   it predicts the step (motion.py), or forgets the robot if it may be anywhere;
+2. registers the scan at the predicted pose if the robot is tracked, in the whole map if it is lost;
+3. judges the fix by the belief, which combines all scans so far;
+4. tracks the robot from an accepted fix on. After PATIENCE scans without an accepted fix the robot
+   is lost.
 
-A track starts only from a fix that its own scan's verdict accepts, and until the robot has moved on
-from there every other fix must be accepted by its own scan too.
+A track starts only from a fix that is accepted by its own scan alone. Until the robot has moved on
+from there, every other fix must be accepted by its own scan too.
 """
 
 from collections import Counter
@@ -28,16 +28,16 @@ from pipeline.paths.belief import LEAST_PROBABILITY, Belief
 from pipeline.posing.verdict import AnyFix
 
 PATIENCE = 3
-"""The robot is lost after so many scans in a row whose fix was not accepted."""
+"""The robot is lost after this many scans in a row whose fix was not accepted."""
 LIKELY = 0.9
-"""A fix that is believed so much tells how the robot moves, accepted or not."""
+"""A fix of at least this probability is used to predict motion, accepted or not."""
 
 
 class Tracker:
-    """Follows a robot through a site: each fix is judged by all scans so far.
+    """Tracks a robot through a site: each fix is judged by all scans so far.
 
-    A site of 3-D scans seeks each scan, a level site the sweeps of the last metres, gathered by
-    odometry. If not `is_tracking`, each is sought in the whole map and judged alone.
+    A site of 3-D scans registers each scan, a level site the sweeps of the last metres, gathered by
+    odometry. If not `is_tracking`, each query is registered in the whole map and judged alone.
     """
 
     def __init__(
@@ -51,27 +51,27 @@ class Tracker:
         self._target_precision = target_precision
         self.belief = Belief(site.description.verdict.unseen_share)
         self.steps = Counter[bool]()
-        """How many scans came with odometry since the scan before (True), and without (False)."""
+        """The number of scans with odometry since the scan before (True), and without (False)."""
         self._drive = site.drive()
-        self._pose: NDArray[np.float64] | None = None  # world_T_robot, from which it is tracked
-        self._start_views = 0  # how many views were believed where the track started
+        self._pose: NDArray[np.float64] | None = None  # world_T_robot; None if the robot is lost
+        self._start_views = 0  # the belief's views when the track started
         self._misses = 0  # scans in a row whose fix was not accepted, while tracked
         self._stamp_ns: int | None = None  # of the last scan
-        self._time_s = 0.0  # of the last scan; without stamps a second a scan
+        self._time_s = 0.0  # of the last scan; scans without stamps are one second apart
         self._previous_scan: Scan | None = None
 
     @property
     def is_lost(self) -> bool:
-        """Whether there is no pose to track the robot from."""
+        """Whether the robot's pose is unknown."""
         return self._pose is None
 
     @property
     def mode(self) -> Literal["lost", "tracking"]:
-        """What the tracker does with the next scan, in a word."""
+        """The state of the tracker in a word."""
         return "lost" if self.is_lost else "tracking"
 
     def follow(self, scan: Scan, points_m: NDArray[np.floating]) -> Fix:
-        """The fix of the next scan, whose points are (n, 3), by its own odometry and stamp."""
+        """The fix of the next scan, with its points (n, 3), and with its own odometry and stamp."""
         driven = odometry.step(self._previous_scan, scan)
         self._previous_scan = scan
         self.steps[driven is not None] += 1
@@ -85,11 +85,11 @@ class Tracker:
     ) -> Fix:
         """The fix of the next scan (n, 3) in metres: x forward, y left, z up, ground at z = 0.
 
-        Of a level site it is a sweep's hits (n, 2) or (n, 3). `step` (4, 4) is the scan's pose in
-        the frame of the last one, by odometry. Without odometry a sweep is localised alone; with
-        3-D scans, or if no robot makes such a step in the time between the stamps, the robot is
-        taken to move on as between its last two fixes, and to be anywhere after a long pause.
-        Raises InputError for points of another shape, in a level site for a 3-D scan too.
+        A level site takes a sweep's hits (n, 2) or (n, 3). `step` (4, 4) is the scan's pose in the
+        frame of the last scan, by odometry. Without odometry, a sweep is localised alone, and the
+        step of a 3-D scan is predicted from the last two fixes; after a long pause the robot may be
+        anywhere. A step that no robot makes in the time between the stamps is not used. Raises
+        InputError for points of another shape, and for a 3-D scan in a level site.
         """
         start = perf_counter()
         query = self._drive.query(self.site.points(points_m), step)
@@ -130,20 +130,20 @@ class Tracker:
     def _predict(
         self, step: NDArray[np.float64] | None, took_s: float | None
     ) -> NDArray[np.float64] | None:
-        """Move what is believed by a step; returns the pose (4, 4) that is predicted, if any."""
+        """Move the belief by a step; returns the predicted pose (4, 4), None if it is lost."""
         before_T_now, deviations, is_anywhere = self._drive.step(step, took_s)
         if is_anywhere:
-            # what was believed says nothing of where the robot has gone
+            # the belief says nothing of where the robot has gone
             self._pose = None
             self.belief = Belief(self.belief.unseen_share)
         self.belief.move(before_T_now, deviations)
         return None if self._pose is None else self._pose @ before_T_now
 
     def _find(self, query: Any, predicted_pose: NDArray[np.float64] | None) -> tuple[AnyFix, bool]:
-        """Seek a query at a predicted pose (4, 4), or in the whole map; returns also whether there.
+        """Register a query at a predicted pose (4, 4), or in the whole map.
 
-        The whole map is searched if no pose is predicted, or nothing fits there and the robot would
-        be lost.
+        The whole map is searched if no pose is predicted, or if nothing fits there and the robot
+        would be lost. Returns also whether it was registered at the predicted pose.
         """
         if predicted_pose is not None:
             registered = self.site.track(query, predicted_pose)
@@ -152,7 +152,7 @@ class Tracker:
         return self.site.seek(query), False
 
     def _judged_along_path(self, fix: Fix, is_tracked: bool) -> Fix:
-        """The fix of a scan, believed or not given all scans before."""
+        """The fix of a scan, judged by all scans so far."""
         if fix.verdict == "no pose":
             return fix
         probability_by_scan = float(
@@ -160,14 +160,14 @@ class Tracker:
         )
         probability = self.belief.see(fix.world_T_sensor, probability_by_scan, is_tracked)
         by_path = is_tracked and self.belief.views > self._start_views
-        met_precisions = self.site.kept_along_path(fix, probability, by_path)
+        met_precisions = self.site.precisions_along_path(fix, probability, by_path)
         verdict: Word = "accepted" if self._target_precision in met_precisions else "rejected"
         if verdict == "rejected" and not is_tracked and fix.verdict in ("near", "ambiguous"):
-            # both need rival poses, which are looked for in the whole map only: not while tracked
+            # both need rival poses, which only a search of the whole map finds
             verdict = fix.verdict
         covariance = fix.covariance.copy()
         if self._drive.widens:
-            # the fix may have slipped from where the robot was believed to be
+            # the fix may have slipped from the belief
             world_R_sensor = fix.world_T_sensor[:3, :3]
             covariance[3:, 3:] += world_R_sensor.T @ self.belief.slipped_m2() @ world_R_sensor
         return replace(
@@ -180,4 +180,4 @@ class Tracker:
 
 
 LevelTracker = Tracker
-"""The name of the tracker of level sites, from when they had their own."""
+"""An earlier name of the tracker for level sites."""

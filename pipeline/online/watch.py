@@ -1,8 +1,7 @@
 """Records a localised drive for rerun's viewer, whose camera follows the robot (`yearloc watch`).
 
-The recording shows each scan on the map in the colour of its verdict, the runner-up, which is the
-next best pose elsewhere, and the verdict and probabilities over time. It holds the layout of its
-panels.
+The recording shows each scan on the map in the colour of its verdict, the runner-up (the next best
+pose elsewhere), and the verdict and probabilities over time. It includes the layout of the panels.
 """
 
 from contextlib import ExitStack
@@ -25,20 +24,20 @@ COLOURS = {
     "rejected": (213, 94, 0),
     "no pose": (120, 120, 120),
 }
-"""The colour of each verdict, by Okabe and Ito, whose colours colour-blind readers distinguish."""
+"""The colour of each verdict, from Okabe and Ito's palette for colour-blind readers."""
 MAP_GREY = (150, 150, 150)
 PATH_GREY = (90, 90, 90)
 GROUND_TRUTH_YELLOW = (240, 228, 66)
 MAP_POINTS = 400_000
-"""The map is thinned to about so many points."""
+"""About how many points of the map are shown."""
 BEHIND_M = (-22.0, 0.0, 13.0)
 AHEAD_M = (10.0, 0.0, 0.0)
-"""Where the camera behind the robot is and what it looks at, in the robot's frame."""
+"""The camera behind the robot and the point that it looks at, in the robot's frame."""
 ABOVE_M = (-0.1, 0.0, 70.0)
-"""Where the camera above the robot is, in the robot's frame."""
+"""The camera above the robot, in the robot's frame."""
 ROBOT = "world/robot"
 RUNNER_UP = "world/runner_up"
-"""The entities, in rerun's word, of the scan at its fix and at the runner-up."""
+"""The paths of rerun's entities for the scan at its fix and at the runner-up."""
 
 
 class Recording(ExitStack):
@@ -48,7 +47,7 @@ class Recording(ExitStack):
     """
 
     def __init__(self, site: Site, out: Path | None, target_precision: float | None) -> None:
-        """Raises NotInstalledError where rerun is not installed."""
+        """Raises NotInstalledError if rerun is not installed."""
         with needed("watch", "490 MB"):
             import rerun
         super().__init__()
@@ -61,10 +60,8 @@ class Recording(ExitStack):
             self._title += f", from x {self._origin_m[0]:.0f} m, y {self._origin_m[1]:.0f} m"
         self._least_probability = None
         if target_precision is not None:
-            largest_error_probability, *_ = site.target_precisions[
-                target_precision
-            ]  # in the pose; error probability is one minus probability
-            self._least_probability = 1 - largest_error_probability
+            pose_threshold, *_ = site.target_precisions[target_precision]  # an error probability
+            self._least_probability = 1 - pose_threshold
         self._stream = rerun.RecordingStream("yearloc")
         if out is None:
             self._stream.spawn(default_blueprint=self._blueprint(live=True))
@@ -111,7 +108,7 @@ class Recording(ExitStack):
             stream.log("probability/accepted_from", rerun.Scalars(self._least_probability))
 
     def _log_static(self) -> None:
-        """Log once what never changes: map, training path, names and colours of the curves."""
+        """Log what never changes: map, training path, names and colours of the curves."""
         rerun = self._rerun
         points_m = whole_map(self._site) - self._origin_m
         self._stream.log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -144,7 +141,7 @@ class Recording(ExitStack):
         world_T_scan: Poses,
         colour: tuple[int, int, int],
     ) -> None:
-        """Log a scan's points (n, 3) at a pose (4, 4); without one the camera stays where it is."""
+        """Log a scan's points (n, 3) at a pose (4, 4); without a pose the camera does not move."""
         rerun = self._rerun
         if not np.isfinite(world_T_scan).all():
             self._stream.log(f"{path}/scan", rerun.Clear(recursive=False))
@@ -214,9 +211,10 @@ class Recording(ExitStack):
 
 
 def origin(site: Site) -> NDArray[np.float64]:
-    """The middle of the site (3,): x and y in whole metres, and 0. It is subtracted for viewers.
+    """The centre of the site (3,): x and y in whole metres, and 0.
 
-    They use float32, in which coordinates as large as UTM's are off by decimetres.
+    It is subtracted for viewers, whose float32 is off by decimetres for coordinates as large as
+    UTM's.
     """
     places_m = site.walls_m if site.path_m is None else site.path_m
     return np.append(np.rint(places_m[:, :2].mean(axis=0)), 0.0)

@@ -1,5 +1,4 @@
-"""A site pseudo-labels the scans whose fix it believes, and those to which odometry leads between
-two."""
+"""A site pseudo-labels the scans whose fix it accepts, and the scans between two such fixes."""
 
 from dataclasses import replace
 
@@ -29,33 +28,33 @@ def scan(x_m: float, cloud: int = 0, ground_truth: bool = True) -> Scan:
     return Scan(f"{x_m}", int(1e9 * x_m), lambda: points_m, planar(x_m, 0, 0), true)
 
 
-def xs(found: PseudoLabels) -> list[float]:
+def xs(labels: PseudoLabels) -> list[float]:
     """How far along x in the first place the pseudo-labelled scans lie, in metres."""
-    return np.round(found.world_T_scan[:, 0, 3] - ANCHORS[0, 0, 3], 1).tolist()
+    return np.round(labels.world_T_scan[:, 0, 3] - ANCHORS[0, 0, 3], 1).tolist()
 
 
-def test_scans_between_two_believed_fixes_are_pseudo_labelled_where_odometry_leads(
+def test_scans_between_two_accepted_fixes_are_pseudo_labelled_by_odometry(
     site: Site,
 ) -> None:
     drive = [scan(0), scan(1), scan(2, cloud=9), scan(3, cloud=9), scan(4), scan(5)]
-    found = from_site(site, drive)
-    assert xs(found) == [0, 1, 2, 3, 4, 5]
-    assert found.scan_count == 6
-    assert not found.wrong.any()
-    assert not found.has_reference_poses
-    assert (found.probability > 0.9).all()
-    without_odometry = [replace(one, odom_T_scan=NO_POSE) for one in drive]
+    labels = from_site(site, drive)
+    assert xs(labels) == [0, 1, 2, 3, 4, 5]
+    assert labels.scan_count == 6
+    assert not labels.wrong.any()
+    assert not labels.has_reference_poses
+    assert (labels.probability > 0.9).all()
+    without_odometry = [replace(scan, odom_T_scan=NO_POSE) for scan in drive]
     assert xs(from_site(site, without_odometry)) == [0, 1, 4, 5]
 
 
 def test_scans_too_near_the_last_one_are_left_out_and_wrong_poses_counted(site: Site) -> None:
     wrong = Scan("w", 0, scan(0).points, NO_POSE, planar(9, 9, 0))
-    found = from_site(site, [scan(0), scan(0.4), scan(1.2), wrong])
-    assert xs(found) == [0, 1.2, 0]
-    assert found.wrong.tolist() == [False, False, True]
+    labels = from_site(site, [scan(0), scan(0.4), scan(1.2), wrong])
+    assert xs(labels) == [0, 1.2, 0]
+    assert labels.wrong.tolist() == [False, False, True]
 
 
-def test_a_day_of_which_no_fix_is_believed_is_refused(site: Site) -> None:
+def test_a_day_without_an_accepted_fix_is_refused(site: Site) -> None:
     with pytest.raises(LogError, match=r"nothing to learn of 2 scans: no fix is accepted"):
         from_site(site, [scan(0, cloud=7), scan(1, cloud=8)])
 
@@ -63,10 +62,10 @@ def test_a_day_of_which_no_fix_is_believed_is_refused(site: Site) -> None:
 def test_poses_are_those_of_a_reference_at_the_stamps_or_the_logs_own() -> None:
     drive = [scan(x) for x in (0.0, 1.0, 2.0)]
     poses = Trajectory(np.array([0, 10**9]), np.array([planar(50, 0, 0), planar(51, 0, 0)]), 1.0)
-    found = with_reference_poses(drive, poses)
-    assert found.world_T_scan[:, 0, 3].tolist() == [50, 51]
-    assert found.has_reference_poses
-    assert found.scan_count == 3
+    labels = with_reference_poses(drive, poses)
+    assert labels.world_T_scan[:, 0, 3].tolist() == [50, 51]
+    assert labels.has_reference_poses
+    assert labels.scan_count == 3
     assert xs(with_reference_poses(drive)) == [0, 1, 2]
     with pytest.raises(LogError, match="the reference poses cover none"):
         with_reference_poses([scan(0, ground_truth=False)])

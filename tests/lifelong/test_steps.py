@@ -1,4 +1,4 @@
-"""The localiser after each day: grown, frozen and joint models compared, on scenes 2 m apart."""
+"""The localiser after each day: incremental, frozen and joint models, on scenes 2 m apart."""
 
 from pathlib import Path
 
@@ -76,7 +76,8 @@ def test_the_record_fits_its_schema_and_its_line_says_what_came_out(tmp_path: Pa
     # 48 queries of the first day and 24 of the second are known after the first step, 24 more
     # after the last: 72 / 96 = .75.
     assert line(lifelong) == (
-        "2 steps to 18 places: of 96 queries that can be known 0.750 right at first, 1.000 at last"
+        "2 steps to 18 places: of 96 queries in learned places 0.750 right after the first step, "
+        "1.000 after the last"
     )
 
 

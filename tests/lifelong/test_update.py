@@ -1,5 +1,7 @@
-"""`yearloc update`: a site learns new places from a survey and changes by itself, and is written
-whole or not at all."""
+"""`yearloc update`: a site learns new places from reference poses, and changes by itself.
+
+The updated site is written whole or not at all.
+"""
 
 from functools import partial
 from pathlib import Path
@@ -71,7 +73,7 @@ def reference(path: Path, world_T_start: np.ndarray, xs_m: list[float]) -> str:
     return str(path)
 
 
-def test_a_surveyed_day_adds_a_place_and_the_old_ones_stay(
+def test_a_day_with_reference_poses_adds_a_place_and_the_old_ones_stay(
     site: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     xs_m = [0.0, 1.0, 2.0]
@@ -189,7 +191,7 @@ def test_a_kill_while_writing_leaves_the_old_site(
     ]
 
 
-def test_a_site_without_views_cannot_extend(
+def test_a_site_without_views_cannot_be_updated(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit):

@@ -27,7 +27,7 @@ def test_the_example_is_small_and_says_that_it_is_simulated(site: Site) -> None:
     assert 0.99 in site.target_precisions
 
 
-def test_the_learned_place_is_accepted_and_right_and_the_one_outside_the_map_is_not_believed(
+def test_the_learned_place_is_accepted_and_right_and_the_one_outside_the_map_is_not_accepted(
     site: Site,
 ) -> None:
     learned, changed, elsewhere = scans()

@@ -144,7 +144,7 @@ def test_a_budgets_own_search_is_in_what_its_verdict_was_learned_with(tmp_path: 
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("three/10m/sci", "of three can be packed scan_context"),
+        ("three/10m/sci", "no such model to pack, expected one of scan_context"),
         ("three/10m/scan_context-pose", "pack three/10m/scan_context; every site makes poses"),
         ("three/10m/sad", "matches sequences of bird-views"),
     ],

@@ -192,5 +192,5 @@ def test_a_description_says_what_a_site_holds_and_target_precisions(three_places
     text = describe(three_places).text()
     assert "site three/10m/scan_context, of a simulated world" in text
     assert "3 cells of 10 m" in text
-    assert "fixes of a novelty below 0.1" in text
-    assert "nothing keeps it" in text  # .999
+    assert "fixes with a novelty below 0.1" in text
+    assert "cannot be reached" in text  # .999
