@@ -62,7 +62,7 @@ class Accepted:
 
 
 class Localizer:
-    """The node without ROS: turns a cloud or sweep into the numbers of a pose message, if accepted."""
+    """The node without ROS: turns a cloud or sweep into the numbers of a pose message."""
 
     def __init__(
         self,
@@ -84,7 +84,7 @@ class Localizer:
         self._odometry.add(stamp_ns(odometry.header), poses([pose_numbers(odometry, ODOMETRY)])[0])
 
     def pose(self, cloud: Any) -> Accepted | None:
-        """The pose of a PointCloud2, or of a LaserScan in a level site; None if it is not accepted."""
+        """The pose of a PointCloud2, in a level site of a LaserScan; None if it is not accepted."""
         time_ns = stamp_ns(cloud.header)
         odom_T_body = self._odometry.at(time_ns)
         step = (

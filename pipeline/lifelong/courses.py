@@ -41,8 +41,8 @@ def learned(
 
     `trained` are the model and the artifacts of its first day; the artifacts of the `later_days`
     are beside them. `strategy` says how a step is learned (strategies.py). The first day is trained
-    already, except in the order `streets`, which trains its first part here. For `self_training` the
-    model is first packed into a site, in the folder `scratch`.
+    already, except in the order `streets`, which trains its first part here. For `self_training`,
+    the model is first packed into a site, in the folder `scratch`.
     """
     if order == "self_training":
         site = scratch / "first.site"

@@ -139,7 +139,7 @@ def bridge(poses: Poses, probability: NDArray[np.float64], odom_T_scan: Poses) -
 
 
 def _corrected(path: Poses, last: Poses) -> Poses:
-    """A path (n, 4, 4) of odometry, corrected in proportion to its length to end at `last` (4, 4)."""
+    """A path (n, 4, 4) of odometry, corrected along its length so that it ends at `last` (4, 4)."""
     path_m = travelled_m(path[:, :3, 3])
     share = path_m / max(path_m[-1], 1e-9)  # 0 for a robot that stood still
     correction = last @ np.linalg.inv(path[-1])

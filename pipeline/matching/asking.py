@@ -20,10 +20,9 @@ from pipeline.perturbations import Case
 
 @dataclass
 class StoredModel:
-    """A model in a file, with all that it takes to rank queries with it.
+    """A model in a file, with all that is needed to rank queries with it.
 
-    The file is read at the first use, so that each worker process reads it itself and none is sent
-    the arrays.
+    The file is read at the first use, so that each worker process reads the arrays itself.
     """
 
     path: str | Path
@@ -46,8 +45,8 @@ class StoredModel:
     def rank(self, cases: Mapping[Case, Rows]) -> Ranking:
         """Rank k places for every query, one case after the other.
 
-        A case is one way in which queries are perturbed (`pipeline.perturbations`). Each is ranked
-        by itself, since some methods match all queries of a call together.
+        A case is one way in which queries are perturbed (`pipeline.perturbations`). Each case is
+        ranked by itself, since some methods match all queries of a call together.
         """
         rankings = []
         for rows in cases.values():
@@ -63,6 +62,6 @@ def turned_deg(cases: Mapping[Case, Rows]) -> NDArray[np.float64]:
     is unperturbed.
     """
     unperturbed = next(iter(cases.values()))
-    driven_yaw_rad = yaw(unperturbed.world_T_anchor)
-    left_rad = [yaw(rows.world_T_anchor) - driven_yaw_rad for rows in cases.values()]
+    unperturbed_yaw_rad = yaw(unperturbed.world_T_anchor)
+    left_rad = [yaw(rows.world_T_anchor) - unperturbed_yaw_rad for rows in cases.values()]
     return wrapped_deg(np.rad2deg(np.concatenate(left_rad)))

@@ -34,10 +34,10 @@ KIND = "distance"
 Search = Callable[
     [NDArray[np.int64], NDArray[np.bool_]], tuple[NDArray[np.float64], NDArray[np.int64]]
 ]
-"""A function that searches training for the rows nearest to some of its own rows.
+"""A function that finds, for some training rows, the nearest other training rows.
 
 It takes the rows (h,) to search for, and a mask (h, n) of the rows that each may be compared with.
-It returns the distance (h,) to the nearest of these, and that row (h,).
+It returns the distance (h,) to the nearest of these, and the nearest row (h,).
 """
 
 
@@ -51,7 +51,7 @@ class UntrainedMethod(ABC):
     def extend(
         self, model: Model, learned_set: TrainingSet, new_set: TrainingSet, progress: Progress
     ) -> Model:
-        """Make the model of both sets, as if they had been learned at once."""
+        """Make the model of both sets, as if they had been learned together."""
         return self.learn(*TrainingSet.joined([learned_set, new_set]), progress)
 
 
@@ -62,13 +62,13 @@ class DescriptorMethod(UntrainedMethod):
 
     distinct_places: bool = False
     """Whether a ranking lists each place once, at its nearest training row. Otherwise it lists
-    training rows, and a place may come several times."""
+    training rows, and a place may occur several times."""
     validation_every_m: Positive = 40.0
     validation_length_m: Positive = 4.0
-    """One block of this length in every `validation_every_m` of the training path is kept for
-    validation to choose thresholds."""
+    """One block of this length in every `validation_every_m` of the training path is used for
+    validation, to choose thresholds."""
     neighbour_m: NotNegative = 20.0
-    """To stand for an unseen query, a validation one is compared only with training rows at least
+    """To simulate a novel place, a validation query is compared only with training rows at least
     this far away."""
 
 
@@ -107,9 +107,9 @@ class Database:
     def evidence(self, search: Search, views: Rows, method: DescriptorMethod) -> NoveltyEvidence:
         """Search for the rows of validation blocks among the rest of the training path.
 
-        Each is searched for twice: with the rows around it, as a query from a place that was seen,
-        and without them, as an unseen one. The model's database keeps the blocks nevertheless: they
-        serve only to choose a threshold.
+        Each row is searched for twice: with the rows around it, as a query from a seen place, and
+        without them, as a query from a novel place. The model's database keeps the blocks
+        nevertheless, since they only serve to choose a threshold.
         """
         every_m = method.validation_every_m
         length_m = method.validation_length_m
@@ -146,10 +146,10 @@ class Database:
     ) -> Ranking:
         """Make the ranking of q queries from their candidates: rows (q, m), nearest first.
 
-        `distances` (q, m) are those to the candidates, and `turned_deg` (q, m) is the query's yaw
-        against each. With `distinct_places` a place is answered once, at its nearest row. Where a
-        query has fewer than k candidates at a finite distance, the rest are place −1 at an infinite
-        cost.
+        `distances` (q, m) are the distances to the candidates, and `turned_deg` (q, m) is the
+        query's yaw against each candidate. With `distinct_places`, a place is listed once, at its
+        nearest row. If a query has fewer than k candidates at a finite distance, the rest are place
+        −1 at an infinite cost.
         """
         if distinct_places:
             columns = first_of_each(self.places[rows], k)

@@ -1,8 +1,8 @@
 """Distances of queries to places that are known at several headings (METHODS 5.4).
 
 The codes of paper 2's networks depend on the heading, so a place keeps one code for each of its
-reference headings. A query's distance to the place is that to the nearest of them, which also tells
-the query's heading.
+reference headings. A query's distance to the place is the distance to the nearest of these codes,
+whose heading is the query's.
 """
 
 from collections.abc import Iterable
@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from pipeline.core.errors import InputError
 
 PLACES = 128
-"""Places compared at once, so that the distances to all their codes fit into memory."""
+"""How many places are compared at once, so that the distances to all their codes fit into memory.
+"""
 ReferenceHeadings = Literal[1, 2, 4, 8]
 """How many of a place's headings are kept as reference, evenly around the circle from heading 0."""
 
@@ -22,8 +23,8 @@ ReferenceHeadings = Literal[1, 2, 4, 8]
 def reference_headings(headings: int, kept: ReferenceHeadings) -> slice:
     """Return which of a view's `headings` a reference place keeps: `kept` of them, evenly spaced.
 
-    Paper 2's protocol keeps the headings of odd number for queries, so references have even
-    numbers. Where `kept` even ones cannot be evenly spaced, all even ones are references.
+    Paper 2's protocol uses the odd-numbered headings for queries, so references are even-numbered.
+    If `kept` even-numbered headings cannot be evenly spaced, all of them are references.
     """
     can_be_even = headings % (2 * kept) == 0 or kept == 1
     step = headings // kept if can_be_even else 2
@@ -35,8 +36,8 @@ def nearest_heading(
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Euclidean distances (n, m) of m queries to n places, and the nearest headings (n, m).
 
-    `codes` (n, heading, d) are a place's codes at its headings, `queries` (m, d) those of the
-    queries. The distance is that to the place's nearest code, the first of equally near ones.
+    `codes` (n, heading, d) are the places' codes at their headings, `queries` (m, d) the queries'
+    codes. The distance is the one to the place's nearest code, the first of equally near codes.
     Raises InputError for codes of different widths, or for more than 256 headings.
     """
     if (
@@ -75,7 +76,7 @@ def nearest_heading(
 def least(
     by_heading: Iterable[NDArray[np.float32]],
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """The least of numbers (n, m) given for each heading, and the first heading that has it."""
+    """The least of the numbers (n, m) of all headings, and the first heading that has it."""
     headings = enumerate(by_heading)
     _, first = next(headings)
     least_numbers = first.copy()

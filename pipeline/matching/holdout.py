@@ -1,6 +1,6 @@
 """Validation blocks: stretches of the training path that are not learned.
 
-Epochs, thresholds and settings are chosen on them, never on a test sequence.
+Epochs, thresholds and settings are chosen on validation blocks, never on a test sequence.
 """
 
 import numpy as np
@@ -16,14 +16,14 @@ def blocks(
     length_m: float,
     later_m: float = 0.0,
 ) -> NDArray[np.bool_]:
-    """True for the submaps (n,) to hold out: a block of `length_m` in every `every_m` of path.
+    """True for the submaps (n,) in validation blocks: `length_m` in every `every_m` of the path.
 
     Blocks begin at `every_m` / 2 + `later_m` along the path, and every `every_m` before and after;
-    a path may begin within one. `later_m` shifts all blocks, so that several calls can hold out
-    every part of a path. A submap whose place (n,) would otherwise have none left in training is
-    not held out.
+    a path may begin within a block. `later_m` shifts all blocks, so that several calls can cover
+    every part of a path. A submap is not in a block if its place (n,) would have no submap left for
+    training.
     """
-    # The path since the last begin of a block: modulo every_m, adding half of it is the same as
+    # The path since the last block began: modulo every_m, adding half of every_m is the same as
     # subtracting it.
     since_begin_m = (travelled_m(world_T_anchor[:, :3, 3]) + every_m / 2 - later_m) % every_m
     is_in_block = since_begin_m < length_m
@@ -36,9 +36,10 @@ def numbered(
 ) -> NDArray[np.int64]:
     """The number (h,) of the block of each of the h validation submaps, from 0 along the path.
 
-    A submap further than half of `every_m`, and further than `length_m`, behind the first one of a
-    block belongs to the next: that is longer than a block of `blocks`, and shorter than the way to
-    the next one. A path that is kept for validation as a whole is cut into blocks of this length.
+    A submap belongs to the next block if it is more than half of `every_m`, and more than
+    `length_m`, behind the first submap of a block. That is longer than a block of `blocks`, and
+    shorter than the path to the next block. A path that is all validation is cut into blocks of
+    this length.
     """
     path_m = travelled_m(world_T_anchor[:, :3, 3])[is_validation]
     numbers = np.empty(len(path_m), np.int64)

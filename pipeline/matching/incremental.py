@@ -1,5 +1,5 @@
-"""Growth of a model (METHODS 11.1): the model of a first day and the views of further days in, the
-model of all days out.
+"""Incremental learning (METHODS 11.1): a first day's model and the views of further days go in, the
+model of all days comes out.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -11,9 +11,9 @@ from pipeline.matching.ranking import Method, Model, Rows, TrainingSet
 
 
 def in_order(days: Iterable[Rows], places: Places) -> Iterator[tuple[TrainingSet, Places]]:
-    """Yield, day by day, the views with their places, and all places known by then.
+    """Yield, day by day, the views with their places, and all places known so far.
 
-    Places keep their numbers; each cell that a day visits for the first time gets a new one.
+    Places keep their numbers; each cell that a day visits for the first time gets a new number.
     """
     for views in days:
         xy_m = views.world_T_anchor[:, :2, 3]
@@ -24,7 +24,7 @@ def in_order(days: Iterable[Rows], places: Places) -> Iterator[tuple[TrainingSet
 def extended(
     method: Method, model: Model, days: Sequence[Rows], places: Places, progress: Progress
 ) -> tuple[Model, TrainingSet]:
-    """Grow a model by further days; returns the new model, and all views that it learned.
+    """Extend a model by further days; returns the new model, and all views that it learned.
 
     `model` learned the first of `days`, with `places` as its labels. Raises InputError if there is
     no further day.

@@ -11,9 +11,9 @@ def nearest(
 ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     """Distances and rows (q, k) of the k nearest of a database (n, d) to each query (q, d).
 
-    The nearest comes first, and the lower one of equally near rows; all n rows come if there are
-    fewer than k. faiss computes distances through inner products, whose rounding depends on the
-    number of queries, so the distances to the rows that it finds are computed again.
+    The nearest row comes first, and of equally near rows the lower one; if n is less than k, all n
+    rows are returned. faiss computes distances through inner products, whose rounding depends on
+    the number of queries, so the distances to the rows that it finds are computed again.
     """
     from faiss import knn
 
@@ -39,7 +39,7 @@ def first_of_each(groups: NDArray[np.int64], k: int) -> NDArray[np.int64]:
 
     A row with fewer groups is filled up with −1.
     """
-    # A stable sort brings the members of a group together, the first one first.
+    # A stable sort brings the members of a group together, in their order.
     order = np.argsort(groups, axis=1, kind="stable")
     ordered = np.take_along_axis(groups, order, axis=1)
     is_first = np.ones(groups.shape, bool)

@@ -1,6 +1,6 @@
 """Kinds of novelty of a network that classifies places: its outputs in, how new each query is out.
 
-METHODS 2.6. All grow with the probability that the query's place was never seen.
+All kinds increase with the probability that the query's place was never seen (METHODS 2.6).
 """
 
 import numpy as np
@@ -15,8 +15,8 @@ def novelties(
 
     `logits` (n, places) are the network's outputs, `softness` is the temperature that calibrates
     them (`matching.temperature`), and `likeness` (n,) is the cosine between the query's feature and
-    the most similar one of training. `entropy` is the paper's, `tempered_entropy` the same at that
-    temperature, and `energy` that of Liu et al., NeurIPS 2020.
+    the most similar training feature. `entropy` is the paper's, `tempered_entropy` the entropy at
+    that temperature, and `energy` is from Liu et al., NeurIPS 2020.
     """
     return {
         "entropy": normalised_entropy(softmax(logits, axis=1)),
@@ -27,7 +27,7 @@ def novelties(
 
 
 def normalised_entropy(probability: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Entropy (n,) of probabilities (n, places), divided by that of equal probabilities.
+    """Entropy (n,) of probabilities (n, places), divided by the entropy of equal probabilities.
 
     It is 0 if one place is certain, and 1 if all places are equally likely.
     """

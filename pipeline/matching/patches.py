@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from pipeline.core.errors import InputError
 
 MEAN_GREY = 127
-"""The mean of a normalised patch; a pixel one standard deviation above the mean becomes 1 more."""
+"""The mean of a normalised patch, in which one standard deviation is one grey level."""
 TILE = 64
-"""Queries compared at a time: few enough to stay in the L2 cache while all references pass."""
+"""How many queries are compared at a time: few enough to stay in the L2 cache while all references
+pass."""
 
 
 def resized(images: NDArray[np.uint8], side_px: int) -> NDArray[np.uint8]:
-    """Images (n, side, side) at a width of `side_px`; a pixel is the mean of its area."""
+    """Images (n, side, side) resized to `side_px` on each side; a pixel is the mean of its area."""
     side = images.shape[-1]
     if side == side_px:
         return np.ascontiguousarray(images)
@@ -38,8 +39,9 @@ def resized(images: NDArray[np.uint8], side_px: int) -> NDArray[np.uint8]:
 def normalised(images: NDArray[np.uint8], patch_px: int = 8) -> NDArray[np.uint8]:
     """Images (n, height, width) with each square patch brought to mean 127 and deviation 1.
 
-    The deviation has one less than the number of pixels in its denominator. Results are rounded to
-    whole numbers, halves away from the mean; a patch of a single grey becomes 127 throughout.
+    The deviation is the sample deviation, with one less than the number of pixels in the
+    denominator. Results are rounded to whole numbers, halves away from the mean; a patch of a
+    single grey becomes 127.
     Raises InputError unless whole patches fill an image.
     """
     if images.ndim != 3 or images.shape[1] % patch_px or images.shape[2] % patch_px:
@@ -55,8 +57,8 @@ def normalised(images: NDArray[np.uint8], patch_px: int = 8) -> NDArray[np.uint8
 def differences(references: NDArray[np.uint8], queries: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Sums of absolute differences (n, m) between references (n, …) and queries (m, …), over n.
 
-    SeqSLAM divides by n too, which scales all differences similar. Raises InputError for images of
-    different shapes.
+    SeqSLAM divides by n too, which scales all differences by the same factor. Raises InputError for
+    images of different shapes.
     """
     if references.shape[1:] != queries.shape[1:]:
         raise InputError(
@@ -117,7 +119,7 @@ def _sums(references, queries, out_sums):  # type: ignore[no-untyped-def]
 def _difference(left, right):  # type: ignore[no-untyped-def]
     """Sum of absolute differences of two images (pixels,).
 
-    All numbers are int32: only then does the compiler use the processor's own instruction.
+    All numbers are int32, since only then the compiler uses the processor's own instruction.
     """
     total = np.int32(0)
     for p in range(len(left)):

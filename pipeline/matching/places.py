@@ -17,12 +17,12 @@ from pipeline.core.schemas import Labels
 
 @dataclass(frozen=True)
 class Places:
-    """The cells of a grid that training visited; each is a place."""
+    """The cells of a grid that training visited; each cell is a place."""
 
     grid: Grid
     cells: NDArray[np.int64]
-    """(place,) the cell of each place: those of the first day in ascending order, then those that
-    further days added."""
+    """(place,) the cell of each place: the cells of the first day in ascending order, then the
+    cells that further days added."""
 
     @classmethod
     def of(cls, labels: Labels) -> Self:
@@ -39,9 +39,9 @@ class Places:
         return np.where(is_place, place, UNSEEN).astype(np.int64)
 
     def extended(self, xy_m: NDArray[np.float64]) -> Self:
-        """The places with a new one for each further cell of positions (n, 2).
+        """The places with a new place for each further cell of positions (n, 2).
 
-        The grid is extended where need be.
+        The grid is extended if needed.
         """
         centres_m = self.grid.centre(self.cells)
         grid = self.grid.extended(xy_m)
@@ -53,7 +53,7 @@ class Places:
 def label(world_T_anchor: Poses, world_T_training: Poses, grid: Grid, days: int) -> Labels:
     """Label the submaps anchored at `world_T_anchor` (n, 4, 4).
 
-    A label says in which place a submap lies, and which training anchor (m, 4, 4) is nearest: its
+    A label gives the place in which a submap lies, and the nearest training anchor (m, 4, 4): its
     place, its distance and the turn from it. The submaps are `days` later than training.
     """
     xy_m = world_T_anchor[:, :2, 3]

@@ -1,8 +1,8 @@
-"""The interface between methods and everything that judges them: views in, a ranking of places out.
+"""The interface of all methods: views in, a ranking of places out.
 
 Every method (`Method`) learns a model from the views of the training sequence, and makes from it a
-function (`Localizer`) that answers queries with a `Ranking`. Whatever comes before depends on the
-data set, whatever comes after is the same for all methods.
+function (`Localizer`) that answers queries with a `Ranking`. The steps before depend on the data
+set; the steps after are the same for all methods.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -21,7 +21,7 @@ from pipeline.core.schemas import Ranking as Ranking
 from pipeline.perturbations import Case, read_cases
 
 Model = Mapping[str, NDArray[Any]]
-"""What a method learned: named arrays. Among them is the evidence of validation blocks, from which
+"""What a method learned: named arrays. They include the evidence of validation blocks, from which
 thresholds are chosen (`matching.rejection`)."""
 
 
@@ -30,10 +30,10 @@ class Rows:
     """The views of some submaps, one row per submap: a window on a view artifact."""
 
     images: Any
-    """(submap, …) such as heights (submap, ring, sector) in metres; `schemas.VIEW_KINDS` lists the
-    others. An array, or one in a file that is read where it is sliced."""
+    """(submap, …) such as heights (submap, ring, sector) in metres; `schemas.VIEW_KINDS` lists all
+    kinds. An array in memory, or an array in a file of which only slices are read."""
     stamps_ns: Stamps
-    """(submap,) the stamp of each submap's anchor, the scan that it is gathered around."""
+    """(submap,) the stamp of each submap's anchor, the scan around which it is gathered."""
     world_T_anchor: Poses
     """(submap, 4, 4) the pose of each anchor."""
 
@@ -47,7 +47,8 @@ class Rows:
     def cases(cls, path: str | Path) -> dict[Case, Self]:
         """Open a view artifact; returns the rows of each of its cases.
 
-        A case is one way in which queries are perturbed; the artifact holds one after the other.
+        A case is one way in which queries are perturbed; the artifact holds the cases one after the
+        other.
         """
         views = store.read(path, *schemas.VIEW_KINDS)
         cases = read_cases(views.cases)
@@ -68,8 +69,7 @@ class Rows:
 
     @classmethod
     def queries(cls, unperturbed: Path, perturbed: Iterable[Path]) -> dict[Case, Self]:
-        """Open a sequence's unperturbed queries, and those of each perturbed artifact that
-        exists."""
+        """Open a sequence's unperturbed queries, and the perturbed queries of files that exist."""
         cases = cls.cases(unperturbed)
         for path in perturbed:
             if path.is_dir():
@@ -93,7 +93,7 @@ class TrainingSet(NamedTuple):
 
     views: Rows
     places: NDArray[np.int64]
-    """(submap,) the place of each; the new places of a later set have the next numbers."""
+    """(submap,) the place of each view; new places of a later set get the next numbers."""
 
     def __len__(self) -> int:
         return len(self.places)
@@ -124,7 +124,7 @@ def joined(rankings: Sequence[Ranking]) -> Ranking:
 
 
 def joined_places(parts: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Number the places of several sequences as if no sequence shared one with another."""
+    """Number the places of several sequences as if the sequences had no place in common."""
     joined_parts = []
     first_place = 0
     for part in parts:
@@ -134,11 +134,10 @@ def joined_places(parts: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
 
 
 class Method(Protocol):
-    """What every method can do: one file in pipeline/methods, with the keys of its yaml as
-    fields."""
+    """The interface of a method: one file in pipeline/methods, with its yaml's keys as fields."""
 
     view: str
-    """The name of the view that it looks at, a file in conf/view."""
+    """The name of the view that it uses, a file in conf/view."""
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Learn a model from the training views, whose places (submap,) are all known."""

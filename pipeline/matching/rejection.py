@@ -1,9 +1,9 @@
 """Chooses the threshold on novelty from which a query is rejected as unseen.
 
-A model stores `NoveltyEvidence`: how new it found the queries of validation blocks of the training
-path, and whether it answered them right. From it `Rejection` chooses, for each kind of novelty, the
-largest threshold that keeps a target precision among the accepted queries. No test sequence is
-used.
+A model stores `NoveltyEvidence`: the novelty of the queries of validation blocks of the training
+path, and whether it answered them right. From this evidence, `Rejection` chooses for each kind of
+novelty the largest threshold that reaches a target precision among the accepted queries. No test
+sequence is used.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,8 +22,8 @@ ACCEPT_NOTHING = float(np.finfo(np.float32).min)
 VALIDATION = "validation/"
 """Prefix of the evidence within a model."""
 LEAST_BLOCKS = 10
-"""Fewest validation blocks that a threshold must accept if it keeps less than the target precision:
-the best of many thresholds on few blocks is luck."""
+"""How many validation blocks a threshold must accept at least if it misses the target precision:
+the best of many thresholds on fewer blocks would be luck."""
 
 
 class Threshold(NamedTuple):
@@ -33,15 +33,15 @@ class Threshold(NamedTuple):
     """Novelty from which queries are rejected; ACCEPT_NOTHING if no threshold can be chosen."""
     validation_precision: float
     """Precision among the accepted queries of these blocks, with one false positive added; NaN if
-    none is accepted."""
+    no query is accepted."""
 
 
 @dataclass(frozen=True)
 class NoveltyEvidence:
     """A model's results on h queries from validation blocks, each of which was ranked twice.
 
-    The first ranking is with the whole database, and stands for a query from a seen place. The
-    second is without the places around the query, and stands for one from an unseen place.
+    The first ranking is with the whole database, and simulates a query from a seen place. The
+    second ranking is without the places around the query, and simulates a novel place.
     """
 
     right: NDArray[np.bool_]
@@ -71,8 +71,7 @@ class NoveltyEvidence:
         if VALIDATION + "right" not in model:
             raise InputError(
                 f"the model has no {VALIDATION}right: a method must store its evidence of "
-                "validation "
-                "blocks"
+                "validation blocks"
             )
         if VALIDATION + "block" not in model:
             raise InputError(
@@ -110,7 +109,7 @@ class NoveltyEvidence:
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
         """Novelty, right and weight of the 2 h rankings, for this share of unseen queries.
 
-        Those of seen places come first.
+        Rankings of seen places come first.
         """
         novelty = np.concatenate([self.seen[kind], self.unseen[kind]])
         right = np.concatenate([self.right, np.zeros_like(self.right)])
@@ -143,7 +142,7 @@ def is_near(
 ) -> NDArray[np.bool_]:
     """True (h, m) where a row of the database (m, 2) lies nearer than `radius_m` to a query (h, 2).
 
-    If all rows are near a query, they all count as far: it needs something to be compared with.
+    If all rows are near a query, they all count as far, so that it can be compared with some row.
     """
     is_close = np.linalg.norm(database_m - query_m[:, None], axis=2) < radius_m
     return np.asarray(is_close & ~is_close.all(axis=1, keepdims=True))
@@ -152,14 +151,14 @@ def is_near(
 @dataclass(frozen=True)
 @checked("rejection")
 class Rejection:
-    """The settings of rejection: which novelty to use, and the precision to keep."""
+    """The settings of rejection: which novelty to use, and the precision to reach."""
 
     novelty: str = "own"
-    """The kind of novelty; `own` is the one that the method puts first."""
+    """The kind of novelty; `own` is the method's first kind."""
     target_precision: Share = 0.9
-    """Precision to keep among the accepted queries."""
+    """The precision to reach among the accepted queries."""
     unseen_share: Share = 0.2
-    """The share of unseen queries to expect."""
+    """The expected share of unseen queries."""
 
     def order(self, ranking: Ranking) -> Ranking:
         """The ranking with the wanted kind of novelty first.
@@ -183,7 +182,7 @@ class Rejection:
         ]
 
     def summary(self, model: Model, threshold: Threshold, rejected: int) -> str:
-        """One line: how many are rejected, and the kept precision if it is less than wanted."""
+        """A line on how many queries are rejected, and the precision if it misses the target."""
         blocks = NoveltyEvidence.of(model).blocks
         target_precision = f"{self.target_precision:g}"
         if threshold.reject_from <= ACCEPT_NOTHING:
@@ -207,31 +206,32 @@ def reachable_threshold(
     weight: NDArray[np.float64],
     block: NDArray[np.int64],
 ) -> Threshold:
-    """The largest threshold that keeps the target precision, else the one that keeps the most.
+    """The largest threshold that reaches the target precision, or else the highest precision.
 
     n queries have a `novelty`, a `weight` by which they count, and the number of their `block`. A
-    query is accepted below the threshold, and then is either `right` or a false positive. One false
-    alarm is added to them, as in conformal prediction, which thus bounds the risk of a further
-    query (Angelopoulos et al., Conformal Risk Control, ICLR 2024).
+    query is accepted below the threshold, and is then either `right` or a false positive. One false
+    positive is added, as in conformal prediction, which bounds the risk of a further query
+    (Angelopoulos et al., Conformal Risk Control, ICLR 2024).
 
     1. For each novelty, compute the precision of accepting all queries up to it.
-    2. Take the largest novelty at which the target precision is kept.
-    3. If there is none, take the largest at which the best precision is kept, among those that
-       accept queries of LEAST_BLOCKS blocks or more. This precision is rounded down to thousandths.
+    2. Take the largest novelty at which the target precision is reached.
+    3. If there is none, take the largest novelty with the highest precision, among the novelties
+       that accept queries of LEAST_BLOCKS blocks or more. This precision is rounded down to
+       thousandths.
     4. Put the threshold midway between this novelty and the next one. If there is no next one, put
        it just above, since nothing is known of queries beyond.
     """
-    # 1. The precision of accepting all up to each novelty.
+    # 1. The precision of accepting all queries up to each novelty.
     novelties, true_positives, accepted = _accepted(novelty, right, weight)
     is_finite = np.isfinite(novelties)
     novelties = novelties[is_finite]
-    # rounded, so that a precision that equals the wanted one counts as kept
+    # rounded, so that a precision that equals the target counts as reached
     validation_precision = (true_positives / (accepted + 1))[is_finite].round(9)
 
-    # 2. The novelties at which the target precision is kept.
+    # 2. The novelties at which the target precision is reached.
     candidates = np.flatnonzero(validation_precision >= precision)
 
-    # 3. Otherwise those at which the best one is kept.
+    # 3. Otherwise the novelties with the highest precision.
     if not len(candidates):
         least_of_blocks = np.sort([novelty[block == number].min() for number in np.unique(block)])
         accepted_blocks = np.searchsorted(least_of_blocks, novelties, side="right")
@@ -244,7 +244,7 @@ def reachable_threshold(
     if not len(candidates):
         return Threshold(ACCEPT_NOTHING, np.nan)
 
-    # 4. The threshold behind the largest of them.
+    # 4. The threshold above the largest of them.
     index = candidates[-1]
     if index + 1 < len(novelties):
         reject_from = novelties[index : index + 2].mean()

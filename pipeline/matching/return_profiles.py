@@ -1,12 +1,12 @@
 """Re-ranks places by return profiles (METHODS 8.1): a network's scores and the query's return
 profile in, new scores and headings out.
 
-A return profile is the nearest standing thing in each direction. Where the query sees further than
-the training view did, something that stood there is gone, which speaks against the place. Where it
-sees less far, something may have been put there since, which says nothing.
+A return profile is the ring of the first standing object in each direction. If the query sees
+farther than the training view did, an object is gone, which speaks against the place. If it sees
+less far, an object may hide the view, which says nothing about the place.
 
 The first places of each query are compared: each of their training views is turned a little either
-way from the heading that the network gave, and the best agreement is added to the place's score.
+way from the network's heading, and the best agreement is added to the place's score.
 """
 
 from collections.abc import Mapping
@@ -19,35 +19,35 @@ from numpy.typing import NDArray
 from pipeline.core.frames import wrapped_deg
 
 STANDS_M = 1.5
-"""Something stands in a bin of a Scan Context if its highest point is above this."""
+"""A bin of a Scan Context has a standing object if its highest point is above this."""
 COMPARED_PLACES = 25
 """How many of a query's first places have their return profiles compared."""
 MAX_TURN_DEG = 24.0
-"""Largest turn of a training view, either way, from the heading that the network gave."""
+"""Largest turn of a training view, either way, from the network's heading."""
 GONE_WEIGHT = 0.5
-"""How much a sector in which the query sees further counts against the place, where a sector that
-agrees counts 1 for it."""
+"""How much a sector in which the query sees farther counts against the place; an agreeing sector
+counts 1 for it."""
 AGREEMENT_NATS = 0.05
 """What an agreeing sector adds to a place's score, in nats.
 
 GONE_WEIGHT and AGREEMENT_NATS lie in a range of values that do equally well on perturbed validation
-blocks of two simulated campuses (docs/notes/choices.md says what else was weighed).
+blocks of two simulated campuses (docs/notes/choices.md lists the alternatives).
 """
 PREFIX = "return_profiles/"
 """Prefix of the return profiles' arrays in a model."""
 NO_RING = 2**15 - 1
-"""The ring of a sector where nothing stands, beyond every other."""
+"""The ring of a sector without a standing object, beyond every real ring."""
 
 
 class ReturnProfiles(NamedTuple):
     """The return profiles of the training views, sorted by place."""
 
     rings: NDArray[np.int16]
-    """(view, sector) the ring of the nearest standing thing, or NO_RING."""
+    """(view, sector) the ring of the nearest standing object, or NO_RING."""
     places: NDArray[np.int64]
-    """(view,) the place that each shows."""
+    """(view,) the place of each view."""
     columns: NDArray[np.float32]
-    """(view,) the yaw of each in the world, in columns: one column is one sector."""
+    """(view,) the yaw of each view in the world, in columns: one column is one sector."""
 
     @classmethod
     def of(cls, model: Mapping[str, NDArray[Any]]) -> Self:
@@ -67,7 +67,7 @@ class ReturnProfiles(NamedTuple):
 def return_profiles(heights_m: NDArray[np.floating]) -> NDArray[np.int16]:
     """Return profiles (n, sectors) of Scan Contexts (n, rings, sectors) of heights in metres.
 
-    Each is the ring of the nearest standing bin in a sector, or NO_RING.
+    A number is the ring of the nearest bin with a standing object in a sector, or NO_RING.
     """
     stands = heights_m > STANDS_M
     return np.where(stands.any(axis=1), stands.argmax(axis=1), NO_RING).astype(np.int16)
@@ -82,8 +82,8 @@ def reranked(
     """Return the scores and headings (n, places) after comparing return profiles.
 
     `scores` and `heading_deg` (n, places) are the network's, `query_rings` (n, sectors) the
-    queries' return profiles. A place gains by its best training view at its best turn, which also
-    gives the heading.
+    queries' return profiles. The best training view of a place at its best turn gives the gain in
+    score and the heading.
     """
     view_starts = np.searchsorted(training.places, np.arange(scores.shape[1] + 1))
     first_places = np.argsort(-scores, axis=1, kind="stable")[:, :COMPARED_PLACES]
@@ -116,14 +116,13 @@ def _compare(
     query_columns: NDArray[np.float64],
     max_turns: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return how well each query's return profile agrees with its places (n, k), and at which
-    heading.
+    """Return the agreement of each query's return profile with its places (n, k), and the headings.
 
-    The agreement (n, k) is the number of sectors that agree, less GONE_WEIGHT times those in which
-    something is gone. The headings (n, k) are in columns.
+    The agreement (n, k) is the number of sectors that agree, minus GONE_WEIGHT times the number of
+    sectors in which an object is gone. The headings (n, k) are in columns.
 
     `query_rings` (n, 2 · sectors) repeats each query's return profile, so that a slice is the
-    return profile turned. The training views of a place are the rows from `view_starts[place]` to
+    turned return profile. The training views of a place are the rows from `view_starts[place]` to
     `view_starts[place + 1]`. The headings `query_columns` (n, k), in columns, are varied by up to
     `max_turns` either way.
     """
@@ -136,8 +135,8 @@ def _compare(
             for view in range(view_starts[place], view_starts[place + 1]):
                 middle = round(query_columns[query, rank] - view_columns[view])
                 for turn in range(middle - max_turns, middle + max_turns + 1):
-                    # What the view sees in a sector, a query that is turned to the left by `turn`
-                    # sees in the sector − turn.
+                    # A query that is turned to the left by `turn` sees in the sector − turn what
+                    # the view sees in a sector.
                     shift = (-turn) % sectors
                     agreeing = 0.0
                     gone = 0.0

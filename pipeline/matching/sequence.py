@@ -2,13 +2,13 @@
 
 A matrix of differences has a row for each training row (reference) and a column for each query.
 
-1. `contrast` replaces each difference by its deviation from those of the rows around it.
+1. `contrast` replaces each difference by its deviation from the differences of the rows around it.
 2. `search` finds, for each row and each window of consecutive queries, the cheapest run about the
-   row. A run lays the queries along the rows at one of several speeds (`runs`).
-3. `cheapest` and `runner_up` read the best rows, and the best one elsewhere, from the costs.
+   row. A run aligns the queries with the rows at one of several speeds (`runs`).
+3. `cheapest` and `runner_up` read the best rows, and the best row elsewhere, from the costs.
 
-The first two go through the matrix row by row, for a block of neighbouring columns at once, which
-lie side by side in memory; `matching.sequences` applies them to a whole drive.
+The first two functions go through the matrix row by row, for a block of neighbouring columns at
+once, which lie side by side in memory; `matching.sequences` applies them to a whole drive.
 """
 
 import math
@@ -18,9 +18,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 BLOCK = 2_048
-"""Columns handled at once: few enough for the dozen rows of a run to stay in the L2 cache."""
+"""How many columns are handled at once: few enough for the dozen rows of a run to stay in the L2
+cache."""
 GRAIN = 1_000
-"""Speeds are rounded to thousandths of a row per query. Positions follow from them by a division of
+"""Speeds are rounded to thousandths of a row per query. Positions then follow by a division of
 whole numbers, so that no rounding decides between two rows."""
 FLAT_SHARE = 1e-13
 """A window is flat if its variance is at most this share of its mean square: float32 cannot tell
@@ -35,7 +36,8 @@ def contrast(differences: NDArray[np.float32], rows: int) -> NDArray[np.float32]
 
     A difference becomes its deviation from the mean of a window, in standard deviations (sample
     deviations, with one less than the number of rows in the denominator). The window reaches from
-    rows // 2 above the difference to rows // 2 below it, cut off at the ends. A flat one gives 0.
+    rows // 2 above the difference to rows // 2 below it, cut off at the ends. A flat window gives
+    0.
     """
     enhanced = np.empty(differences.shape, np.float32)
     _enhance(np.ascontiguousarray(differences, np.float32), rows // 2, out=enhanced)
@@ -43,7 +45,7 @@ def contrast(differences: NDArray[np.float32], rows: int) -> NDArray[np.float32]
 
 
 def least(rows: int) -> float:
-    """The lowest value of `contrast`: one difference of a window lies below all others, all
+    """The lowest value of `contrast`: one difference of a window is below all others, which are
     equal."""
     # With n values, of which one is 0 and the others are 1, the mean is (n − 1) / n and the sample
     # variance 1 / n; so the value is −(n − 1) / √n. A window has n = 2 (rows // 2) + 1 rows.
@@ -69,9 +71,9 @@ def search(
     """Costs (n, window) of the cheapest run about each row, for some windows of queries.
 
     `enhanced` (n, m) are the differences after `contrast`, and `offsets` come from `runs`. The
-    windows begin at the columns from `first` to before `last`, by default all that lie within the m
-    queries. A cost is the sum of a run's differences, +inf where no run about the row lies within
-    the n rows.
+    windows begin at the columns from `first` to before `last`, by default all windows within the m
+    queries. A cost is the sum of a run's differences, +inf if no run about the row lies within the
+    n rows.
     """
     if last is None:
         last = enhanced.shape[1] - offsets.shape[1] + 1
@@ -108,8 +110,8 @@ def runner_up(
 def _enhance(differences, half, out):  # type: ignore[no-untyped-def]
     """Write differences (n, m) to `out` (n, m), standardised over windows of ± `half` rows.
 
-    The window slides down the rows, and its sums are updated by the rows that enter and leave it.
-    They are float64, since in float32 results would be off by up to 0.07.
+    The window moves down the rows, and its sums are updated by the rows that enter and leave it.
+    The sums are float64, since in float32 results would be off by up to 0.07.
     """
     n, m = differences.shape
     for start in range(0, m, BLOCK):

@@ -1,12 +1,11 @@
-"""Base of the methods that match sequences of queries with sequences of training rows: PFL, AFL,
-SAD.
+"""Base of PFL, AFL and SAD, which match sequences of queries with sequences of training rows.
 
-A method gives the differences between a drive's queries and the training rows; SeqSLAM's search
+A method computes the differences between a drive's queries and the training rows; SeqSLAM's search
 (METHODS 6) with paper 2's settings and scores (METHODS 5.5) makes a ranking of them. The same
-search among training's own rows gives the evidence for thresholds (`matching.rejection`).
+search among the training rows themselves gives the evidence for thresholds (`matching.rejection`).
 
-A run lays consecutive queries along the training rows at one speed. A row's cost for a query is the
-sum of differences over the cheapest run in which the query drives past that row (`AlignedQueries`):
+A run aligns consecutive queries with training rows at one speed. A row's cost for a query is the
+sum of differences over the cheapest run in which the query passes that row (`AlignedQueries`):
 
 1. Enhance the contrast of each difference against those of the rows around it.
 2. Take the window of `length` + 1 queries around each query; near the ends of the drive, the
@@ -42,14 +41,15 @@ from pipeline.matching.sequence import (
 )
 
 QUERIES = 256
-"""Queries searched at once: the costs of all rows for all queries may not fit into memory."""
+"""How many queries are searched at once: the costs of all rows for all queries may not fit into
+memory."""
 MAX_NOVELTY = float(np.finfo(np.float32).max)
 """Bound of a novelty, which is stored as float32."""
 Costs = NDArray[np.float32]
 """Costs (query, row) of training rows for queries."""
 NormalisationRows = Annotated[int, Range(2, wording="2 or more")]
 Differences = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float32]]
-"""A function of the method that compares training with itself: takes training rows (n,) and others
+"""A function of the method that compares training rows with each other: takes rows (n,), and rows
 (m,) as queries, and returns their differences (n, m)."""
 
 
@@ -70,7 +70,7 @@ class SequenceMethod:
     speed_step: Annotated[float, Range(1 / GRAIN, wording=f"{1 / GRAIN} or more")] = 0.1
     """Step between the speeds tried, in training rows per query."""
     both_ways: bool = False
-    """Whether runs may also drive the training sequence backwards; the authors' do not."""
+    """Whether runs may also pass the training sequence backwards; the authors' runs do not."""
     normalisation_rows: NormalisationRows = 30
     """Width of the window of training rows in which contrast is enhanced."""
     subtract_minimum: bool = True
@@ -81,13 +81,13 @@ class SequenceMethod:
     """The cost of the best sequence, or SeqSLAM's ratio of it to the best cost elsewhere."""
     distinct_places: bool = False
     """Whether a ranking lists each place once, at its cheapest training row. Otherwise it lists
-    training rows, and a place may come several times."""
+    training rows, and a place may occur several times."""
     validation_every_m: Positive = 200.0
     validation_length_m: Positive = 40.0
-    """One block of this length in every `validation_every_m` of the training path is kept for
-    validation to choose epochs and thresholds."""
+    """One block of this length in every `validation_every_m` of the training path is used for
+    validation, to choose epochs and thresholds."""
     neighbour_m: NotNegative = 20.0
-    """To stand for an unseen query, a validation one is compared only with training rows at least
+    """To simulate a novel place, a validation query is compared only with training rows at least
     this far away."""
 
     def __post_init__(self) -> None:
@@ -102,7 +102,7 @@ class SequenceMethod:
         return ("cost", "ratio") if self.novelty == "cost" else ("ratio", "cost")
 
     def validation(self, views: Rows) -> NDArray[np.bool_]:
-        """True for the training rows (n,) that are kept for validation and must not be learned."""
+        """True for the training rows (n,) in validation blocks, which must not be learned."""
         places = np.zeros(len(views.world_T_anchor), np.int64)
         return holdout.blocks(
             views.world_T_anchor, places, self.validation_every_m, self.validation_length_m
@@ -118,10 +118,11 @@ class SequenceMethod:
         """Rank the m queries of a drive by their differences (n, m) from the database's n rows.
 
         `turned_deg` (n, m) is each query's yaw against each row. Near the ends of the drive a query
-        is answered by the first or last whole sequence, at its own position in it. Where there are
-        fewer queries or rows than a sequence needs, a shorter one answers, its cost scaled up to
-        the full length. Where fewer than k rows are left, the rest are place −1 at an infinite
-        cost."""
+        is answered by the first or last whole sequence, at its own position in it. If there are
+        fewer queries or rows than a sequence needs, a shorter sequence is used, its cost scaled up
+        to the full length. If fewer than k rows are left, the rest are place −1 at an infinite
+        cost.
+        """
         if differences.shape[0] != len(database.places):
             raise InputError(
                 f"differences of shape {differences.shape}: expected a row for each of "
@@ -147,9 +148,9 @@ class SequenceMethod:
         """Match the odd training rows with the even ones; returns the results in validation blocks.
 
         All odd rows are matched as one drive, so that its sequences stay whole, and no query can
-        match itself; only those in validation blocks count, or all on a path too short for blocks.
-        Each counts twice: with all even rows, as a query from a seen place, and without those
-        around it, as one from an unseen place.
+        match itself. Only rows in validation blocks count, or all rows if the path is too short for
+        blocks. Each row counts twice: matched with all even rows, as a query from a seen place, and
+        without the rows around it, as a query from a novel place.
         """
         n = len(database.places)
         even = np.arange(0, n, 2)
@@ -197,11 +198,11 @@ class AlignedQueries:
     """The m queries of a drive, aligned with all n training rows."""
 
     base: np.float32
-    """The least cost that a run can have here; it is subtracted from costs before they are ranked.
-    0 unless `subtract_minimum`."""
+    """The least cost that a run can have; it is subtracted from costs before they are ranked. 0
+    unless `subtract_minimum`."""
 
     def __init__(self, settings: SequenceMethod, differences: NDArray[np.float32]) -> None:
-        """Enhance the `differences` (n, m); raises InputError where they are not finite."""
+        """Enhance the `differences` (n, m); raises InputError if they are not finite."""
         n, m = differences.shape
         self.settings = settings
         self.n_queries = m
@@ -216,14 +217,14 @@ class AlignedQueries:
         if not math.isfinite(lowest):
             raise InputError("differences between queries and rows: expected finite numbers")
         if m <= settings.length:
-            # The minimum over so few queries says little: the lowest possible value is taken.
+            # The minimum over so few queries says little, so the lowest possible value is used.
             lowest = least(settings.normalisation_rows)
         self.base = np.float32(lowest * (settings.length + 1) if settings.subtract_minimum else 0)
 
     def blocks(self) -> Iterator[tuple[NDArray[np.int64], Costs]]:
         """Yield blocks of queries (q,), each with the costs (q, n) of all rows.
 
-        A cost is +inf where no run passes the row.
+        A cost is +inf if no run passes the row.
         """
         m = self.n_queries
         forward = runs(
@@ -271,9 +272,9 @@ class AlignedQueries:
     def novelty(self, sums: Costs, best_row: NDArray[np.int64]) -> dict[str, NDArray[np.float64]]:
         """Return both kinds of novelty (q,) of queries with costs `sums` (q, n).
 
-        `cost` is the cost of the best row (q,), `ratio` is that cost over the lowest one more than
-        half a run away. For `cost` the least difference is not subtracted: it differs from drive to
-        drive, and a threshold must suit all of them.
+        `cost` is the cost of the best row (q,), `ratio` is this cost over the lowest cost more than
+        half a run away. For `cost` the least difference is not subtracted, since it differs from
+        drive to drive, and a threshold must suit all drives.
         """
         cost = np.take_along_axis(sums, best_row[:, None], axis=1)[:, 0].astype(np.float64)
         runner_up_cost = runner_up(sums, best_row, self.settings.length) - float(self.base)

@@ -18,9 +18,9 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 WORD = 64
-"""Bits of one word of a bit set."""
+"""The number of bits in a word of a bit set."""
 NO_SHIFT = np.float32(-4)
-"""Stands for the mean cosine of a shift that does not count; below every real one."""
+"""Stands for the mean cosine of a shift that does not count; below every real mean cosine."""
 
 
 def packed(engaged: NDArray[np.bool_]) -> NDArray[np.uint64]:
@@ -45,10 +45,10 @@ def _bit_count(context, word):  # type: ignore[no-untyped-def]
 def products(columns, factors, rows, out_spectra):  # type: ignore[no-untyped-def]
     """Write to `out_spectra` (m, frequency) the correlations' spectra of m `rows` with a query.
 
-    `columns` (n, frequency, 2 rings) are the database's spectra. The query's `factors` (frequency,
-    2, 2 rings) are what to multiply them with for the real and for the imaginary part of the
-    result. Sums have their type. Four rows go together, so that the factors are read once for all
-    four; the last group is filled up with the last row.
+    `columns` (n, frequency, 2 rings) are the database's spectra. They are multiplied by the query's
+    `factors` (frequency, 2, 2 rings) for the real and the imaginary part of the result. Sums have
+    the type of the factors. Four rows are processed together, so that the factors are read once for
+    all four; the last group is filled up with the last row.
     """
     # a, b, c and d are the spectra of rows i, j, k and m.
     frequencies, _, numbers = factors.shape
@@ -102,12 +102,12 @@ def _count(mask, shifted_masks, out_counts):  # type: ignore[no-untyped-def]
 def best(  # type: ignore[no-untyped-def]
     sums, masks, shifted_masks, least_engaged, out_similarities, out_shifts
 ):
-    """Write the highest mean cosine of each row to `out_similarities` (m,), its shift to the other.
+    """Write each row's highest mean cosine to `out_similarities` (m,), its shift to `out_shifts`.
 
     `sums` (m, shift) are sums of cosines, `masks` (m, words) and `shifted_masks` (shift, words) the
-    bit sets of the rows and the query. A shift counts if its shared columns are at least the share
-    `least_engaged` of the most at any shift. Where no column is ever shared, the similarity is 0 at
-    shift −1.
+    bit sets of the rows and the query. A shift counts if it shares at least the share
+    `least_engaged` of the most columns that any shift shares. If no shift shares a column, the
+    similarity is 0 and the shift −1.
     """
     counts = np.empty(sums.shape[1], np.float32)
     for i in range(len(sums)):

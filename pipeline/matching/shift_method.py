@@ -1,8 +1,8 @@
 """Base of the methods that compare Scan Contexts at every shift of their columns (Kim and Kim, IROS
 2018; METHODS 1.3 and 1.4).
 
-A shift is a turn of the robot, so the best one gives the heading. A query is compared with all
-training views, or only with those whose ring keys are nearest to its own. A ring key is a small
+A shift is a turn of the robot, so the best shift gives the heading. A query is compared with all
+training views, or only with the views whose ring keys are nearest to its own. A ring key is a small
 descriptor that is the same at every heading.
 """
 
@@ -20,16 +20,17 @@ from pipeline.matching.shifts import Spectra
 class ShiftMethod(DescriptorMethod):
     """A method that compares Scan Contexts at every shift of their columns; nothing is trained.
 
-    This class is no dataclass: the file of a model lists a method's fields in their order, so each
-    method declares them itself.
+    This class is not a dataclass: the file of a model lists a method's fields in their order, so
+    each method declares them itself.
     """
 
     candidates: int | None = None
-    """How many training views are compared, those with the nearest ring keys; None: all are."""
+    """How many training views, those with the nearest ring keys, are compared; None compares all.
+    """
     least_engaged: Share
-    """A shift counts if both Scan Contexts share at least this share of the non-empty columns that
-    they share at any shift. With the authors' 0, a shift that shares a single column may win, which
-    is frequent with a sensor that sees half the circle; 0.9 prevents it."""
+    """A shift counts if it shares at least this share of the most non-empty columns that any shift
+    shares. With the authors' 0, a shift that shares a single column may win, which is frequent with
+    a sensor that sees half the circle; 0.9 prevents it."""
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Store the spectra of training, and its ring keys if they choose candidates."""

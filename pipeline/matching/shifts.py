@@ -1,13 +1,14 @@
 """Scan Context's distance: the mean cosine of the columns that are engaged in both, at the best
 column shift (IROS 2018, eq. 6; METHODS 1.3).
 
-A column is engaged if it holds anything, and a shift of the columns is a turn of the robot. The
-sums of cosines at all shifts are one circular correlation. So a database stores the spectra of its
-columns, brought to length 1, and a query costs one pass over them and an inverse transform.
+A column is engaged if it is not empty, and a shift of the columns is a turn of the robot. The sums
+of cosines at all shifts are one circular correlation. So a database stores the spectra of its
+columns, scaled to length 1, and a query costs one pass over them and an inverse transform.
 
 Spectra are stored in float32, and their products are summed in float64: a shift at which a single
-column is engaged may win, and its cosine must not drown in the rounding of all the others. Where
-only the nearest of many rows are wanted, sums in float32 first find the rows that they may be.
+column is engaged may win, and its cosine must not drown in the rounding of all other columns. If
+only the nearest of many rows are wanted, sums in float32 first find the rows that may be among
+them.
 """
 
 from collections.abc import Iterator
@@ -29,7 +30,8 @@ from pipeline.matching.ranking import Model, Ranking, Rows, joined
 PREFIX = "spectra/"
 """Prefix of the spectra's arrays in a model."""
 BLOCK = 256
-"""Rows compared at once: few enough for their correlations to stay in a core's own cache."""
+"""How many rows are compared at once: few enough for their correlations to stay in a core's cache.
+"""
 SLACK = np.float32(1e-3)
 """Bound on the error of a similarity summed in float32, which is about 1e-6 · √(columns engaged in
 either) / (columns engaged in both)."""
@@ -40,10 +42,10 @@ class Spectra:
     """The n Scan Contexts of a database, ready to be compared at every shift."""
 
     columns: NDArray[np.float32]
-    """(n, frequency, 2 rings) the spectra of the columns, brought to length 1; the real and the
+    """(n, frequency, 2 rings) the spectra of the columns, scaled to length 1; the real and the
     imaginary part of each ring follow each other."""
     engaged: NDArray[np.float32]
-    """(n, sector) 1 where a column holds anything, else 0."""
+    """(n, sector) 1 if a column is not empty, else 0."""
     least_engaged: float = 0.0
     """See `ShiftMethod.least_engaged`."""
 
@@ -73,8 +75,8 @@ class Spectra:
 
         Returns the distances (m,) in [0, 2], and the yaw (m,) of the query against each row, in
         degrees counter-clockwise in [0, 360). The yaw is the best shift: after a turn to the left
-        everything is seen further to the right, in columns of lower number. Where no shift engages
-        a column, the distance is 1 and the yaw NaN.
+        everything is seen further to the right, in columns of lower number. If no shift shares an
+        engaged column, the distance is 1 and the yaw NaN.
         """
         query = _spectra(heights_m[None])[0]
         shifted_masks = _shifted_masks(heights_m)
@@ -102,10 +104,10 @@ class Spectra:
         k: int,
         groups: NDArray[np.int64] | None = None,
     ) -> NDArray[np.int64]:
-        """Return those of `rows` (m,) that may be among the k nearest to a query (ring, sector).
+        """Return the rows of `rows` (m,) that may be among the k nearest to a query (ring, sector).
 
-        They stay in their order. If the rows belong to `groups` (m,), such as places, the rows are
-        returned that may be the nearest of their group, for the k nearest groups.
+        They stay in their order. If the rows belong to `groups` (m,), such as places, the result is
+        the rows that may be the nearest of their group, for the k nearest groups.
         """
         if len(rows) <= BLOCK:
             return rows
@@ -228,7 +230,7 @@ def _shifted_masks(heights_m: NDArray[np.float32]) -> NDArray[np.uint64]:
 
 
 def _engaged(heights_m: NDArray[np.float32]) -> NDArray[np.float32]:
-    """1 where a column (n, sector) of Scan Contexts (n, ring, sector) holds anything, else 0."""
+    """1 if a column (n, sector) of Scan Contexts (n, ring, sector) is not empty, else 0."""
     return np.asarray((heights_m != 0).any(axis=1).astype(np.float32))
 
 

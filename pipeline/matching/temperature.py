@@ -1,4 +1,4 @@
-"""Temperature scaling (Guo et al., ICML 2017): logits and true classes in, one number out.
+"""Temperature scaling (Guo et al., ICML 2017): logits and true classes in, the temperature out.
 
 Divided by this temperature, the logits give calibrated probabilities: of the answers with
 probability p, a share p is right.
@@ -31,9 +31,10 @@ def temperature(logits: NDArray[np.float64], classes: NDArray[np.int64]) -> floa
 
 
 def determined(softness: float, logits: NDArray[np.float64], classes: NDArray[np.int64]) -> bool:
-    """Whether the data determine a temperature: it is better than both ends of the range.
+    """Whether the data determine a temperature: its loss is below the loss at both ends.
 
-    They do not if there are no rows, or if all of them are right: then the lowest is the best.
+    They do not if there are no rows, or if all rows are right, since then the lowest temperature is
+    the best.
     """
     if not len(classes):
         return False

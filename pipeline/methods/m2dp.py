@@ -1,8 +1,8 @@
 """M2DP: the nearest training signature by Euclidean distance; nothing is trained (He, Wang and
 Zhang, IROS 2016; METHODS 3.1).
 
-A signature is a vector that sums up a submap; the view `m2dp` computes it. To learn, keep those of
-the training sequence. To localize, rank them by their distance from the query's.
+A signature is a vector that describes a submap; the view `m2dp` computes it. `learn` stores the
+signatures of the training sequence, and `localizer` ranks them by their distance from the query's.
 """
 
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 
 @dataclass(frozen=True)
 class M2dp(DescriptorMethod):
-    """The training signatures as they are, without any setting of its own."""
+    """M2DP, without settings of its own."""
 
     view: str = "m2dp"
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
-        """Keep the training sequence's signatures (n, d).
+        """Store the training sequence's signatures (n, d).
 
         Raises InputError unless each view has a place.
         """
@@ -35,7 +35,8 @@ class M2dp(DescriptorMethod):
     def localizer(self, model: Model) -> Localizer:
         """Rank training signatures; cost and novelty are the distance.
 
-        It is 2 at most, since each half of a signature has length 1 and no negative number.
+        The distance is at most 2, since each half of a signature has length 1 and no negative
+        number.
         """
         database = Database.of(model)
         signatures = model["signatures"]

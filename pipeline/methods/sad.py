@@ -1,9 +1,9 @@
 """SAD: sequences of bird-views compared pixel by pixel at one heading; nothing is trained (Milford
 and Wyeth, ICRA 2012).
 
-These are the differences of SeqSLAM, the baseline of paper 2 (METHODS 5.5 and 6). To learn, keep
-the normalised images of the training sequence. To localize, take the sum of absolute differences of
-a query from each of them, and rank training rows by sequences of such sums.
+It uses the differences of SeqSLAM, the baseline of paper 2 (METHODS 5.5 and 6). `learn` stores the
+normalised images of the training sequence. `localizer` computes the sum of absolute differences of
+a query from each image, and ranks training rows by sequences of these sums.
 """
 
 from dataclasses import dataclass
@@ -24,10 +24,10 @@ from pipeline.matching.sequences import NormalisationRows, SequenceMethod
 
 @dataclass(frozen=True)
 class Sad(UntrainedMethod, SequenceMethod):
-    """The training images, and how they are normalised.
+    """The settings of SAD: how training images are normalised, and at which headings.
 
-    Views are compared at the robot's own heading. So a turned view is a different image, and
-    answers have no heading, unless several headings are kept of each training place.
+    Queries are compared at the robot's own heading. So a turned query is a different image, and
+    answers have no heading, unless several headings of each training place are stored.
     """
 
     view: str = "birdview"
@@ -37,14 +37,14 @@ class Sad(UntrainedMethod, SequenceMethod):
     """Side of the patches in which images are normalised."""
     normalisation_rows: NormalisationRows = 10
     reference_headings: ReferenceHeadings = 1
-    """Number of headings of a training place whose images are kept: one as in SeqSLAM, or up to the
-    eight whose codes PFL keeps."""
+    """The number of headings of a training place whose images are stored: one as in SeqSLAM, or up
+    to eight, the number of PFL."""
     validation_every_m: Positive = 80.0
-    """Blocks are kept for validation more often than by PFL and AFL, since without training this
-    costs nothing; between two of them lies the length of a sequence."""
+    """There are more validation blocks than for PFL and AFL, since without training they cost
+    nothing; the length of a sequence lies between two blocks."""
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
-        """Keep the training sequence's normalised images (n, heading, side, side), 4 KB each.
+        """Store the training sequence's normalised images (n, heading, side, side), 4 KB each.
 
         Raises InputError unless each view has a place.
         """
@@ -84,7 +84,7 @@ class Sad(UntrainedMethod, SequenceMethod):
         return localize
 
     def reconstructed(self, model: Model, images: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Returns no image, since no network reconstructs any."""
+        """No images, since SAD has no network that reconstructs them."""
         return images[:0]
 
     def _reference(self, views: Rows) -> NDArray[np.uint8]:
@@ -107,7 +107,7 @@ def nearest_differences(
     """The differences (n, m) of m queries from n references, each at its nearest heading (n, m).
 
     Queries are images (m, side, side), references images (n, heading, side, side). Of equally near
-    headings the first one counts. Returns the differences and the headings.
+    headings the first counts. Returns the differences and the headings.
     """
     return least(differences(images, queries) for images in references.swapaxes(0, 1))
 

@@ -1,8 +1,8 @@
-"""Scan Context-50: the nearest of the 50 whose rings look similar, at its best heading (Kim and
-Kim, IROS 2018; METHODS 1.4).
+"""Scan Context-50: the nearest of 50 candidates with similar ring keys, at its best heading (Kim
+and Kim, IROS 2018; METHODS 1.4).
 
-The search is `ShiftMethod`: it keeps the training scans' images, preselects candidates by ring key
-(a vector that does not depend on the heading), and compares these at all headings.
+The search is `ShiftMethod`: it stores the training scans' images, preselects candidates by ring key
+(a vector that does not depend on the heading), and compares the candidates at all headings.
 """
 
 from dataclasses import dataclass

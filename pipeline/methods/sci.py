@@ -2,8 +2,8 @@
 RA-L 2019; METHODS 2).
 
 The network is `LeNet`; settings, training and answers are those of `Classifier` and `Learner`,
-which the ring shares. Here is what is SCI's own: training on N turned copies of each view, and how
-the network's outputs become logits and features.
+which `sci_ring` shares. This module adds what only SCI has: training on N turned copies of each
+view, and how the network's outputs become logits and features.
 """
 
 from collections.abc import Iterator
@@ -27,8 +27,8 @@ class Sci(Learner):
 
     architecture = LeNet
     n_way: int = 2
-    """Number of copies of each training image, turned by 360°/n_way from one to the next; 2 in the
-    authors' code: forward and reversed."""
+    """The number of copies of each training image, turned by 360°/n_way from one to the next; 2 in
+    the authors' code, forward and reversed."""
 
     def batches(
         self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor

@@ -1,9 +1,9 @@
-"""Localises by a network whose classes are places (METHODS 2): the common part of SCI and its ring.
+"""Localises by a network whose classes are places (METHODS 2): common to `sci` and `sci_ring`.
 
 In: Scan Context Images (heights in rings × sectors around the robot). Out: a ranking of places by
 their softmax, with a confidence, kinds of novelty and headings. `Classifier` has the settings and
-`localizer`, which answers; `training` and `incremental` learn. A method adds its network, its
-batches and how the network's outputs become logits, features and headings.
+the localizer; `learner` trains. A method adds its network, its batches, and how the network's
+outputs become logits, features and headings.
 """
 
 from abc import ABC, abstractmethod
@@ -37,7 +37,7 @@ from pipeline.views.scan_context import colours, quantize
 Kinds = dict[str, NDArray[np.float64]]
 """Kind of novelty to its values (n,); the first kind is the one in use."""
 QUERIES_AT_ONCE = 512
-"""Queries that are compared with all training views at a time, which bounds the memory."""
+"""How many queries are compared with all training views at a time, which bounds the memory."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Classifier(ABC):
     """The class of the network."""
     view: str = "scan_context_authors"
     colormap: Literal["jet", "grey"] = "jet"
-    """How heights become the colours of an image."""
+    """The colormap from heights to the colours of an image."""
     h_min_m: float = 0.0
     h_max_m: float = 15.0
     """Heights are clipped to [h_min_m, h_max_m] before they are coloured."""
@@ -60,7 +60,7 @@ class Classifier(ABC):
     batch: Count = 64
     learning_rate: Positive = 0.002
     schedule: loop.Schedule = "one_cycle"
-    """The authors' is constant. A short training is only good if the rate falls at its end."""
+    """The authors' schedule is constant. A short training needs a rate that falls at its end."""
     dropout: Share = 0.7
     batch_norm_momentum: Share = 0.1
     """The authors' 0.01 needs some 500 steps to forget the first weights: more than a short
@@ -68,25 +68,26 @@ class Classifier(ABC):
     precision: loop.Precision = "auto"
     """The arithmetic of training and answers; the last layer always answers in float32."""
     threads: Count = 2
-    """Fixed, since the order of sums depends on it, and so do the weights."""
+    """The number of threads is a setting, since the order of sums and so the weights depend on it.
+    """
     seed: Seed = 0
     validation_every_m: Positive = 40.0
     validation_length_m: Positive = 4.0
-    """One block of this length in every `validation_every_m` of the training path is kept for
+    """One block of this length in every `validation_every_m` of the training path is used for
     validation, to choose the epoch, the temperature and the threshold."""
     neighbour_m: NotNegative = 20.0
-    """A validation query is asked as an unseen one by ignoring the places and training views nearer
+    """To simulate a novel place, a validation query ignores the places and training views nearer
     than this."""
     refit: Share = 0.0
-    """After all is chosen on validation blocks, this share of the schedule, its end, is run once
-    more on all views."""
+    """After all choices on validation blocks, this last share of the schedule is run once more on
+    all views."""
     incremental: SomeShare = 0.3
-    """Share of the schedule, its end, that is run to learn a further day."""
+    """The last share of the schedule that is run to learn a further day."""
     replayed: Whole = 2
-    """Number of views of each known place that are shown again with further days: those of the
-    highest loss."""
+    """The number of views of each known place that are replayed with further days: the views with
+    the highest loss."""
     distilled: NotNegative = 0.0
-    """Weight of the distance to the earlier network's answers, in the loss of further days."""
+    """Weight of the distance to the earlier network's answers in the loss of further days."""
 
     def __post_init__(self) -> None:
         if not self.h_min_m < self.h_max_m:
@@ -105,7 +106,8 @@ class Classifier(ABC):
     def batches(
         self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor
     ) -> tuple[loop.Batches[Any], int]:
-        """A function for the batches of an epoch over the rows `trained` (m,), and their number."""
+        """A function that draws the batches of an epoch over the rows `trained` (m,); and their
+        number."""
 
     @abstractmethod
     def predict(self, net: Any, heights: Tensor, forgotten: Tensor | None = None) -> Prediction:
@@ -118,9 +120,9 @@ class Classifier(ABC):
     def embed_training(
         self, net: Any, heights: Tensor, views: Rows, trained: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Features (m, 64) of training views, of length 1, and the row (m,) of each.
+        """Features (m, 64) of training views, of length 1, and the row (m,) of each view.
 
-        The training view most like a query is found by them.
+        By these features the training view that is most similar to a query is found.
         """
 
     def remembered(
@@ -147,7 +149,7 @@ class Classifier(ABC):
         """Kinds of novelty of queries, the one in use first.
 
         They follow from the logits (n, places), the temperature `softness`, and `likeness` (n,),
-        the cosine between the features of each query and of the training view most like it.
+        the cosine between the features of each query and of its most similar training view.
         """
         return novelties(logits, softness, likeness)
 
@@ -168,7 +170,7 @@ class Classifier(ABC):
                     f"views of {tuple(heights.shape[1:])}: the model learned {rings} rings × "
                     f"{sectors} sectors"
                 )
-            # The network's outputs, and the training view most like each query.
+            # The network's outputs, and the most similar training view of each query.
             with loop.reproducible(self.threads):
                 prediction = self.reranked(self.predict(net, heights), images, model)
                 most_like = [
@@ -178,7 +180,7 @@ class Classifier(ABC):
             likeness, likest_row = (
                 torch.cat(parts).numpy() for parts in zip(*most_like, strict=True)
             )
-            # Places by their softmax.
+            # The places with the highest softmax.
             scores = prediction.scores
             probability = softmax(scores, axis=1)
             places = np.argsort(-probability, axis=1, kind="stable")[:, :k]
@@ -199,7 +201,7 @@ class Classifier(ABC):
         return localize
 
     def step(self, answer: Any, batch: Any) -> tuple[Tensor, Tensor, int]:
-        """Mean loss of a batch, how many of its views are answered right, and of how many.
+        """Mean loss of a batch, the number of its views that are answered right, and of all views.
 
         By default the loss is the cross-entropy.
         """
@@ -211,7 +213,7 @@ class Classifier(ABC):
         """World positions (n, k, 2) of the answers.
 
         By default they are `places_m` (n, k, 2), the mean positions of each place's views.
-        `likest_m` (n, 2) are the positions of the training views most like the queries.
+        `likest_m` (n, 2) are the positions of the queries' most similar training views.
         """
         return places_m
 

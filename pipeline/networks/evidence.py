@@ -2,7 +2,7 @@
 
 In: a network, and views of validation blocks, which it did not learn but whose places it knows.
 Out: the temperature at which its softmax is calibrated; and the evidence from which the threshold
-of rejection is chosen: how new these views look as they are, and with their surroundings forgotten.
+of rejection is chosen: the novelty of these views as they are, and without their surroundings.
 """
 
 from collections.abc import Callable, Mapping
@@ -45,9 +45,9 @@ class KnownViews(NamedTuple):
     content: Tensor
     """(n, rings, sectors) quantized heights of the views, or (n, 64) their features."""
     places: NDArray[np.int64]
-    """(n,) the place of each."""
+    """(n,) the place of each view."""
     xy_m: NDArray[np.float64]
-    """(n, 2) the position of each."""
+    """(n, 2) the position of each view."""
 
     def some(self, rows: NDArray[np.bool_] | Tensor) -> "KnownViews":
         """The views of some rows, given by a mask or by their numbers."""
@@ -67,10 +67,10 @@ def judge_validation(
 ) -> tuple[float, NoveltyEvidence]:
     """The temperature, and the evidence of h validation views.
 
-    Each view is asked twice: as seen, and as unseen, when the places and training views nearer than
-    `neighbour_m` are forgotten. `place_xy_m` (place, 2) are the positions of the places, `memory`
-    the features of the training views, `block` (h,) is the validation block of each view. If the
-    views do not determine a temperature, it is the `fallback`.
+    Each view is queried twice: as a seen place, and as a novel place, for which the places and
+    training views nearer than `neighbour_m` are left out. `place_xy_m` (place, 2) are the positions
+    of the places, `memory` the features of the training views, `block` (h,) the validation block of
+    each view. If the views do not determine a temperature, the `fallback` is used.
     """
     heights, places, xy_m = validation
     seen = predict(heights, None)
@@ -81,13 +81,15 @@ def judge_validation(
         if fallback is not None:
             softness = fallback
         else:
-            line = f"the {len(places)} validation views fix no temperature, {softness:.3g} is used"
-            progress.tell(f"{line}: confidence and tempered_entropy are not calibrated")
+            progress.tell(
+                f"the {len(places)} validation views fix no temperature, {softness:.3g} is used: "
+                "confidence and tempered_entropy are not calibrated"
+            )
 
     memory_features = memory.content.numpy()
     seen_cosines = (seen.features.numpy() @ memory_features.T).astype(np.float64)
     unseen_cosines = (unseen.features.numpy() @ memory_features.T).astype(np.float64)
-    # A forgotten training view is as unlike as a view can be.
+    # A training view that is left out gets the lowest possible cosine.
     unseen_cosines[is_near(xy_m, memory.xy_m, neighbour_m)] = -1
     return softness, NoveltyEvidence(
         right=seen.scores.argmax(axis=1) == places,

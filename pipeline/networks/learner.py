@@ -1,20 +1,20 @@
-"""A classifier that learns the places of the training day, and more of them on further days.
+"""A classifier that learns the places of the training day, and further places on further days.
 
 The steps of `learn` (METHODS 2): views with their places in, a model out.
 
-1. Hold out blocks of the path, and train on the other views; the epoch is kept that answers most
-   validation views right.
-2. On the validation views find the temperature, and the evidence for the threshold of rejection.
-3. If the method wants it (`refit`), train on all views for the end of the schedule.
-4. Store the weights, and of each view what answers need.
+1. Leave out validation blocks of the path, and train on the other views. Keep the epoch that
+   answers most validation views right.
+2. On the validation views, find the temperature, and the evidence for the threshold of rejection.
+3. With `refit`, train on all views for the end of the schedule.
+4. Store the weights, and the data of each view that the localizer needs.
 
-The steps of `update` (METHODS 11.1): a model, the views that it knows and those of new days in, a
-model of all days out.
+The steps of `extend` (METHODS 11.1): a model, the views that it knows and the views of new days in,
+a model of all days out.
 
 1. Widen the network's last layer by a row for each new place (`widened`).
-2. Choose what to train on: the new views, and of each known place the views of the highest loss
-   (`hardest`).
-3. Train; where the earlier network is right, keep the new one near its answers (`distilled`).
+2. Choose the views to train on: the new views, and of each known place the views with the highest
+   loss (`hardest`).
+3. Train; where the earlier network is right, keep the new network near its answers (`distilled`).
 4. Gather evidence from the validation blocks of the new days.
 """
 
@@ -39,7 +39,7 @@ SOFTNESS = 2.0
 
 
 class Learner(Classifier):
-    """The base of SCI and its ring: learns places, and further days."""
+    """The base of `sci` and `sci_ring`: learns places, and further days."""
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Train on the views of the training sequence.
@@ -72,12 +72,12 @@ class Learner(Classifier):
     def extend(
         self, model: Model, known_set: TrainingSet, new_set: TrainingSet, progress: Progress
     ) -> Model:
-        """Train on with the views of further days.
+        """Continue training with the views of further days.
 
-        The evidence is the model's own together with that of the new days' validation blocks; the
-        earlier blocks cannot serve as validation queries again, since the network may have been
-        trained on them meanwhile. Raises InputError if views or places do not continue those of
-        the model.
+        The evidence is the model's own, joined with the evidence of the new days' validation
+        blocks. The earlier blocks cannot be validation queries again, since the network may have
+        been trained on them since. Raises InputError if views or places do not continue the
+        model's.
         """
         data = TrainingSet.joined([known_set, new_set])
         new_rows = len(known_set) + np.arange(len(new_set))
@@ -95,7 +95,7 @@ class Learner(Classifier):
                 progress=progress,
                 step=partial(distilled, self, earlier_net),
             )
-            # Features of the new views by the earlier network, and the new view that each is of.
+            # Features of the new views by the earlier network, and the row of the view of each.
             features, feature_rows = self.embed_training(
                 earlier_net, training.heights[new_rows], new_set.views, torch.arange(len(new_set))
             )
@@ -105,7 +105,7 @@ class Learner(Classifier):
             replayed_rows = hardest(known_logits, known_set.places, self.replayed)
             trained_rows = np.concatenate([replayed_rows, new_rows])
             curves = training.fit(trained_rows[~is_validation[trained_rows]], self.incremental)
-            # The queries are the validation views; the others are what they are matched against.
+            # The queries are the validation views; they are matched against the other views.
             matched_rows = np.flatnonzero(~is_validation)
             softness, evidence = training.evidence(matched_rows, model)
             if self.refit:
@@ -120,7 +120,7 @@ def hardest(logits: Tensor, places: NDArray[np.int64], count: int) -> NDArray[np
     """
     losses = nn.functional.cross_entropy(logits, torch.from_numpy(places), reduction="none").numpy()
     order = np.lexsort((-losses, places))
-    # The rank of each view within its place: its position in the order, less its place's first one.
+    # The rank of each view within its place: its position in the order, minus its place's first.
     rank = np.arange(len(order)) - np.searchsorted(places[order], places[order])
     return np.sort(order[rank < count])
 
@@ -130,9 +130,9 @@ def widened(
 ) -> dict[str, Tensor]:
     """An earlier network's weights, with a row of the last layer for each new place.
 
-    A new place's row is the mean of the `features` (n, 64), of length 1, of its views, scaled to
-    the mean length of the other rows (Qi et al., Imprinted Weights, CVPR 2018). `places` (n,) are
-    those of the views.
+    A new place's row is the mean of its views' `features` (n, 64), of length 1, scaled to the mean
+    length of the other rows (Qi et al., Imprinted Weights, CVPR 2018). `places` (n,) are the places
+    of the views.
     """
     weights = {name: value.clone() for name, value in earlier_net.state_dict().items()}
     weight_name = f"{earlier_net.last_layer}.weight"
@@ -157,8 +157,8 @@ def distilled(
 ) -> tuple[Tensor, Tensor, int]:
     """A method's step (`loop.Step`), with the distance to an earlier network's answers in its loss.
 
-    It is the Kullback-Leibler divergence over the earlier places, and counts only where the earlier
-    network is right (Li and Hoiem, Learning without Forgetting, PAMI 2018).
+    The distance is the Kullback-Leibler divergence over the earlier places, and counts only where
+    the earlier network is right (Li and Hoiem, Learning without Forgetting, PAMI 2018).
     """
     answers: list[Tensor] = []
 
@@ -184,5 +184,6 @@ def distilled(
     ).sum(1)
     was_right = earlier_log_probabilities.argmax(1) % place_count == places
     distance = (divergence * was_right).mean()
-    # Its gradient shrinks with the square of the temperature, which is made up for (Hinton et al.).
+    # The gradient shrinks with the square of the temperature, which the factor compensates (Hinton
+    # et al.).
     return loss + method.distilled * SOFTNESS**2 * distance, right, count

@@ -1,7 +1,7 @@
 """The SCI paper's network (Table I): a Scan Context Image in, a logit for each place out.
 
-It has three convolutions and two dense layers (METHODS 2.4). The ring also uses `trunk` and
-`initialise`; all networks use `device` and `to_device`.
+It has three convolutions and two dense layers (METHODS 2.4). The network of `sci_ring` also uses
+`trunk` and `initialise`; all networks use `device` and `to_device`.
 """
 
 from collections.abc import Iterable
@@ -20,11 +20,11 @@ class LeNet(nn.Module):
     """Logits (batch, places) of images (batch, channels, rings, sectors) in [0, 1].
 
     `momentum` is the weight of a new batch in the batch norms' running statistics, which is 1 −
-    0.99 in Keras. For 579 places it has 2,296,515 numbers, 384 of them running statistics.
+    0.99 in Keras. For 579 places the network has 2,296,515 numbers, 384 of them running statistics.
     """
 
     last_layer = "head.4"
-    """The layer with a row a place."""
+    """The layer with a row for each place."""
 
     def __init__(
         self,
@@ -72,9 +72,9 @@ class LeNet(nn.Module):
 def trunk(convolutions: Iterable[nn.Conv2d], momentum: float) -> nn.Sequential:
     """Layers from images to features (batch, 256, rings // 8, sectors // 8).
 
-    They are three convolutions, which are given, with pooling, ReLU and batch norms. Each pooling
-    halves both sides. It comes before the ReLU, which then has a quarter of the work and gives the
-    same bits.
+    They are the three given convolutions, with pooling, ReLU and batch norms. Each pooling halves
+    both sides. It comes before the ReLU, which then has a quarter of the work and gives the same
+    bits.
     """
     first_convolution, second_convolution, third_convolution = convolutions
     norms = [nn.BatchNorm2d(filters, eps=1e-3, momentum=momentum) for filters in FILTERS]
@@ -111,7 +111,7 @@ def device() -> torch.device:
 def to_device(tensor: Tensor, torch_device: torch.device) -> Tensor:
     """Copy a tensor from the processor to a device, without waiting.
 
-    Plain `to` waits for the copy, and for what runs on the device.
+    Plain `to` waits for the copy, and for all computations on the device.
     """
     if torch_device.type == "cpu":
         return tensor

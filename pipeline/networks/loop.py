@@ -1,10 +1,10 @@
-"""The training loop of all networks: `play_rounds`, and of it `fit` for all but adversarial ones.
+"""The training loop of all networks: `play_rounds`, and `fit` for all but adversarial networks.
 
 In: a network, and functions that draw the batches of an epoch, compute the loss of a batch, and
 judge the network on validation rows. Out: the network with its best weights, and the curves of
-training. It goes on from a checkpoint after an interruption, and ends with the same weights.
+training. After an interruption it continues from a checkpoint, and ends with the same weights.
 
-Beside it are its parts, which other trainings use too: fixed random draws, the arithmetic of a
+The parts of the loop are here too, for other trainings: fixed random draws, the arithmetic of a
 device, storing and loading weights, schedules of the learning rate, and checkpoints.
 """
 
@@ -32,20 +32,20 @@ Batch = TypeVar("Batch")
 Batches = Callable[[torch.Generator], Iterator[Batch]]
 """Draws the batches of an epoch; all random draws follow from the generator."""
 Step = Callable[[Callable[..., Tensor], Batch], tuple[Tensor, Tensor, int]]
-"""Computes, from a network and a batch, the mean loss of the answers, how many are right, and of
-how many."""
+"""Computes, from a network and a batch, the mean loss of the answers, the number of right answers,
+and the number of all answers."""
 Judge = Callable[[Any], tuple[float, float]]
 """Computes loss and accuracy of a network on validation rows."""
 Schedule = Literal["one_cycle", "stepped", "constant"]
 Precision = Literal["auto", "bf16", "f32"]
 BEST = "best/"
 CURVE = "curves/"
-"""Prefixes in a checkpoint: of the weights that are kept so far, and of the curves. That of the
+"""Prefixes in a checkpoint: of the best weights so far, and of the curves. The prefix of the
 present weights is NET."""
 Curves = dict[str, list[float]]
-"""Numbers of a training by name, one a round."""
+"""Numbers of a training by name, one per round."""
 CURVES = ("loss", "accuracy", "validation_loss", "validation_accuracy")
-"""What is recorded of each epoch."""
+"""The numbers that are recorded for each epoch."""
 
 
 @contextmanager
@@ -53,21 +53,21 @@ def reproducible(threads: int) -> Iterator[None]:
     """Run a block with a fixed number of threads, and a random state of its own.
 
     The number of threads is fixed since sums depend on how the work is split. Afterwards the
-    caller's number and random state are put back. On a GPU random draws are reproducible, but sums
-    only up to the order of their terms.
+    caller's number of threads and random state are restored. On a GPU random draws are
+    reproducible, but sums only up to the order of their terms.
     """
-    before = torch.get_num_threads()
+    callers_threads = torch.get_num_threads()
     torch.set_num_threads(threads)
     try:
         gpus = [torch.cuda.current_device()] if torch.cuda.is_available() else []
-        with torch.random.fork_rng(gpus):  # of several GPUs the one in use; else torch warns
+        with torch.random.fork_rng(gpus):  # only the GPU in use, or torch warns if there are more
             yield
     finally:
-        torch.set_num_threads(before)
+        torch.set_num_threads(callers_threads)
 
 
 def dtype(torch_device: torch.device, precision: Precision) -> torch.dtype:
-    """bfloat16 or float32, as `precision` says.
+    """The number type for `precision`: bfloat16 or float32.
 
     `auto` means bfloat16 on any GPU, and on processors with instructions for it.
     """
@@ -90,9 +90,9 @@ def autocast(torch_device: torch.device, precision: Precision) -> torch.autocast
 
 
 def cast(net: nn.Module, torch_device: torch.device, precision: Precision) -> None:
-    """Convert the convolutions' kernels to the type of `precision`, for answers alone.
+    """Convert the convolutions' kernels to the type of `precision`, for inference only.
 
-    The bits are those of `autocast`, which would convert them at every answer.
+    The answers have the same bits as with `autocast`, which would convert the kernels each time.
     """
     for module in net.modules():
         if isinstance(module, nn.Conv2d):
@@ -162,13 +162,13 @@ def fit(
 ) -> dict[str, NDArray[Any]]:
     """Train `net` with Adam on the loss of `step`, and leave the weights of the best epoch in it.
 
-    The best epoch is the one of the highest validation accuracy by `judge`, of equals the last one;
-    without a judge it is the last. Returns arrays as a model stores them: `best_epoch`, counted
-    from 0, and for each of CURVES `curves/` (epoch,).
+    The best epoch has the highest validation accuracy by `judge`; of equal epochs it is the last,
+    and without a judge it is the last epoch. Returns arrays as a model stores them: `best_epoch`,
+    counted from 0, and `curves/` (epoch,) for each of CURVES.
 
-    An epoch has `steps` batches. `learning_rate` is the highest that the schedule reaches. Training
-    enters the schedule at the share `since`, and ends with it. `fused` Adam rounds differently, but
-    is much faster for a network of many numbers.
+    An epoch has `steps` batches. `learning_rate` is the peak of the schedule. Training starts at
+    the share `since` of the schedule, and ends with it. `fused` Adam rounds differently, but is
+    much faster for a network of many numbers.
     """
     torch_device = next(net.parameters()).device
     fused = fused or torch_device.type == "cuda"
@@ -222,17 +222,17 @@ def play_rounds(
     activity: str = "train",
     kept_parts: tuple[str, ...] = ("",),
 ) -> Curves:
-    """Train a network in rounds, and leave the weights of the round that is kept in it.
+    """Train a network in rounds, and leave the weights of the chosen round in it.
 
-    `play` trains for the round of a number, counted from 0, and returns numbers by name; these are
-    the curves that are returned. `kept_round` says by the curves so far which round is kept; of its
-    weights those whose names begin with one of `kept_parts`. Every random draw of a round follows
-    from the seed and the round's number, so a run that goes on from `progress.checkpoint` gives the
-    same weights as one without interruption.
+    `play` trains for a round, given by its number from 0, and returns numbers by name; over all
+    rounds they are the curves that are returned. `kept_round` chooses a round from the curves so
+    far; of its weights, those whose names begin with one of `kept_parts` are kept. Every random
+    draw of a round follows from the seed and the round's number, so a run that continues from
+    `progress.checkpoint` gives the same weights as a run without interruption.
     """
 
     def weights() -> dict[str, Tensor]:
-        """A copy of the present weights that may be kept."""
+        """A copy of the present weights of `kept_parts`."""
         return {
             name: value.clone()
             for name, value in net.state_dict().items()
@@ -259,18 +259,17 @@ def play_rounds(
             for name, column in curves.items():
                 further_tensors[f"{CURVE}{name}"] = torch.tensor(column, dtype=torch.float64)
             keep(progress.checkpoint, net, optimizers, further_tensors)
-    net.load_state_dict(best_weights, strict=False)  # it may lack parts
+    net.load_state_dict(best_weights, strict=False)  # without the parts that are not kept
     return curves
 
 
 def _most_accurate(curves: Curves) -> int:
-    """The best epoch: not that of the lowest validation loss, which rises as the ranking
-    improves."""
+    """The epoch of the highest accuracy; the validation loss may rise while the ranking improves."""
     return last_of_highest(curves["validation_accuracy"])
 
 
 def last_of_highest(accuracies: Sequence[float] | NDArray[np.float64]) -> int:
-    """The index of the highest accuracy, of equals the last one."""
+    """The index of the highest accuracy; of equal accuracies the last."""
     return len(accuracies) - 1 - int(np.asarray(accuracies)[::-1].argmax())
 
 
@@ -282,7 +281,7 @@ def _train_epoch(
     rate: Callable[[int], float],
     torch_device: torch.device,
 ) -> tuple[float, float]:
-    """Take one step down the loss of each batch; returns mean loss and accuracy over all."""
+    """Take one step down the loss of each batch; returns mean loss and accuracy of the epoch."""
     # The sums stay on the device, since reading them waits for it.
     loss_sum = torch.zeros((), device=torch_device)
     right_count = torch.zeros((), device=torch_device)
@@ -302,8 +301,8 @@ def _train_epoch(
 def one_cycle(done_share: float) -> float:
     """The learning rate at a share of the training, as a share of its peak.
 
-    It is a cosine from 4 % up to 1 at 30 % of the training, then down to nearly 0. By Smith and
-    Topin, 2018: a short training needs the rate to fall at its end.
+    It rises as a cosine from 4 % to 1 at 30 % of the training, then falls to nearly 0 (Smith and
+    Topin, 2018): a short training needs a rate that falls at its end.
     """
     if done_share < 0.3:
         return 0.52 - 0.48 * math.cos(math.pi * done_share / 0.3)  # from .52 − .48 to .52 + .48
@@ -312,11 +311,12 @@ def one_cycle(done_share: float) -> float:
 
 SCHEDULES: Mapping[Schedule, Callable[[float], float]] = {
     "one_cycle": one_cycle,
-    # as PointNetVLAD's authors in 20 epochs
+    # the schedule of PointNetVLAD's authors, for 20 epochs
     "stepped": lambda done_share: 0.9 ** int(4 * done_share),
     "constant": lambda done_share: 1.0,
 }
-"""Each computes the learning rate at a share of the training, as a share of its peak."""
+"""Functions from the share of the training that is done to the learning rate, as a share of its
+peak."""
 
 
 def keep(
@@ -343,8 +343,8 @@ def resume(
 ) -> dict[str, Tensor]:
     """Load a checkpoint into a network and its optimisers, and return its further tensors.
 
-    They are empty if there is no file. Raises ArtifactError for a file that is cut off, or of
-    another training.
+    They are empty if there is no file. Raises ArtifactError for a file that is cut off, or that
+    belongs to another training.
     """
     if path is None or not path.is_file():
         return {}

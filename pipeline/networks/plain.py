@@ -1,8 +1,9 @@
-"""The trained networks of SCI and of its ring in plain NumPy, so that a robot needs no torch.
+"""The trained networks of `sci` and `sci_ring` in plain NumPy, so that a robot needs no torch.
 
 In: a model's weights, and the heights of a Scan Context Image. Out: the score and heading of each
-place, and the features. The layers are those of `lenet` and of the ring (METHODS 2.4, 8.1), the
-arithmetic is float32. Importing torch takes over a second, more than all else before a first fix.
+place, and the features. The layers are those of `lenet` and of `ring` (METHODS 2.4, 8.1), the
+arithmetic is float32. Importing torch takes over a second, more than all other steps before a first
+fix.
 """
 
 from collections.abc import Mapping
@@ -21,9 +22,9 @@ Weights = Mapping[str, NDArray[Any]]
 NET = "net/"
 """Prefix of the weights within a model."""
 RING = f"{NET}fc1"
-"""The weights of the first dense layer (FC1) in a model of the ring: one slice a sector."""
+"""The weights of the first dense layer (FC1) in a model of `sci_ring`: one slice per sector."""
 LENET = f"{NET}head.2.weight"
-"""The weights of the first dense layer in a model of SCI."""
+"""The weights of the first dense layer in a model of `sci`."""
 CONVOLUTIONS = (("features.0", "features.3"), ("features.4", "features.7"), ("features.8", ""))
 """Names of each convolution and of the batch norm behind it; the last has no batch norm."""
 EPSILON = 1e-3
@@ -85,7 +86,7 @@ class Outputs(NamedTuple):
 
 @dataclass(frozen=True)
 class Plain:
-    """A trained network of SCI or of its ring."""
+    """A trained network of `sci` or `sci_ring`."""
 
     weights: Weights
     """The network's weights by their names in torch."""
@@ -99,7 +100,7 @@ class Plain:
 
     @classmethod
     def is_in(cls, model: Weights) -> bool:
-        """Whether a model has the weights of such a network."""
+        """Whether a model has the weights of one of these networks."""
         return RING in model or LENET in model
 
     @classmethod
@@ -128,7 +129,7 @@ class Plain:
         return self._ring(image) if "fc1" in self.weights else self._lenet(image)
 
     def _lenet(self, features: Floats) -> Outputs:
-        """The dense layers of SCI's network."""
+        """The dense layers of `sci`'s network."""
         weights = self.weights
         embedded = weights["head.2.weight"] @ features.transpose(2, 0, 1).ravel()
         embedded = embedded + weights["head.2.bias"]
@@ -136,7 +137,7 @@ class Plain:
         return Outputs(scores, _of_length_1(embedded), np.full_like(scores, np.nan))
 
     def _ring(self, features: Floats) -> Outputs:
-        """The dense layers of the ring, at every heading (methods.sci_ring.ring.Ring)."""
+        """The dense layers of `sci_ring`'s network at every heading (methods.sci_ring.ring.Ring)."""
         weights = self.weights
         count, width, _ = weights["fc1"].shape
         # FC1: the product of every sector with every slice, summed for each heading.

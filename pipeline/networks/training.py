@@ -1,6 +1,6 @@
-"""A network in training: the parts of learning a first day, and further ones (METHODS 2, 11.1).
+"""The parts of training a network on a first day and on further days (METHODS 2, 11.1).
 
-`Learner` (learner.py) puts them together.
+`Learner` (learner.py) combines them.
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class Training:
     method: Classifier
     data: TrainingSet
     is_validation: NDArray[np.bool_]
-    """(n,) which views are kept for validation, until everything is chosen."""
+    """(n,) which views are in validation blocks, and are not trained on until `refit`."""
     net: nn.Module
     progress: Progress
     step: loop.Step[Any]
@@ -42,7 +42,7 @@ class Training:
 
     @cached_property
     def heights(self) -> Tensor:
-        """The views as heights (n, rings, sectors) that are quantized, on the device."""
+        """The views as quantized heights (n, rings, sectors), on the device."""
         return self.method.heights(self.images).to(device())
 
     @cached_property
@@ -88,10 +88,10 @@ class Training:
         return loss, accuracy
 
     def remembered(self, rows: NDArray[np.int64]) -> tuple[KnownViews, Tensor, Model]:
-        """What answers need of some views: features, and arrays of the method (`reranked`).
+        """The data of some views that the localizer needs: features, and arrays of the method.
 
-        Returns the features as views with their places, the row of each, and the arrays. A method
-        may return features of further rows too.
+        Returns the features as views with their places, the row of each feature, and the arrays
+        (for `reranked`). A method may return features of further rows too.
         """
         views = self.data.views
         places = self.data.places
@@ -106,14 +106,14 @@ class Training:
     ) -> tuple[float, NoveltyEvidence]:
         """The temperature and the evidence of the validation views, if `rows` are remembered.
 
-        The evidence of an `earlier` model is joined to it. If no view is kept for validation, both
-        are those of the earlier model.
+        The evidence of an `earlier` model is joined to it. If there is no validation view,
+        temperature and evidence are the earlier model's.
         """
         earlier_temperature = None if earlier is None else float(earlier["temperature"])
         if earlier_temperature is not None and not self.is_validation.any():
             return earlier_temperature, NoveltyEvidence.of(earlier or {})
         all_views, feature_rows, remembered_arrays = self.remembered(rows)
-        # The validation views must not be found among those remembered.
+        # Validation views must not be among the remembered views.
         known_views = all_views.some(torch.isin(feature_rows, torch.from_numpy(rows)))
         images = self.images[self.is_validation]
 
@@ -167,7 +167,7 @@ class Training:
 
 
 def blocks(method: Classifier, data: TrainingSet) -> NDArray[np.bool_]:
-    """Which views (n,) are kept for validation: blocks of the path, by the method's settings."""
+    """True for the views (n,) in validation blocks of the path, by the method's settings."""
     _, places = np.unique(data.places, return_inverse=True)  # numbered without gaps
     return holdout.blocks(
         data.views.world_T_anchor, places, method.validation_every_m, method.validation_length_m

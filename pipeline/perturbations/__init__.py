@@ -1,13 +1,13 @@
 """Perturbations: changes to the points of a query before its view is computed (SCI paper, section
 V; METHODS 2.8).
 
-A perturbation turns the robot, removes things or adds walls. It has several cases, such as wedges
-of 30, 60 and 90°, and each is made to every query; the first case is unperturbed.
+A perturbation turns the robot, removes points or adds walls. It has several cases, such as wedges
+of 30, 60 and 90°, each of which is applied to every query; the first case is unperturbed.
 
-The random numbers of a query depend on nothing but the perturbation's seed and the query's stamp
+The random numbers of a query depend only on the perturbation's seed and the query's stamp
 (`generator`). So all methods get the same changes, and the cases of a query agree in the numbers
-that they draw first: a wider wedge begins where the narrower one does, and of two walls the first
-is the one wall.
+that they draw first: a wide wedge begins where the narrow wedge begins, and the first of two walls
+is the wall of the case with one wall.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 UNCHANGED = ""
-"""`Case.change` of queries that are as they were driven."""
+"""`Case.change` of unperturbed queries."""
 TURNED = "turned"
 """`Case.change` of queries whose robot is turned on the spot."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One change of a perturbation, which is made to every query."""
+    """One change of a perturbation, which is applied to every query."""
 
     change: str = UNCHANGED
     """`turned`, `demolition` or `construction`; empty for unperturbed queries."""
@@ -34,23 +34,23 @@ class Case:
     shadow: bool = False
     """Whether points behind a new wall are removed."""
     repeat: int = 0
-    """Number of the repeat, for changes that are repeated at random."""
+    """The number of the repeat, for random changes that are repeated."""
 
 
 def read_cases(cases: Iterable[Mapping[str, Any]]) -> list[Case]:
     """Read the cases of an artifact of views, rankings or evaluations from its attribute `cases`.
 
-    The artifact's rows are those of the first case, then those of the second, and so on.
+    The artifact has the rows of the first case, then the rows of the second case, and so on.
     """
     return [Case(**case) for case in cases]
 
 
 class Perturbation(Protocol):
-    """What every perturbation can do; its fields are the keys of its yaml in conf/perturbation."""
+    """The interface of a perturbation; its fields are the keys of its yaml in conf/perturbation."""
 
     @property
     def seed(self) -> int:
-        """Seeds the random numbers of a query, together with the stamp of its anchor."""
+        """The seed of the random numbers, together with the stamp of a query's anchor."""
 
     @property
     def cases(self) -> Sequence[Case]:
@@ -61,9 +61,9 @@ class Perturbation(Protocol):
     ) -> tuple[NDArray[np.floating], float]:
         """Perturb the points (n, 3) of one query, z up from the ground around the sensor.
 
-        Returns the perturbed points (m, 3), and how far the robot is turned to the left in radians.
-        The points are in the frame of the turned robot. An unperturbed case returns the points
-        themselves, and a turned case the same points, rotated.
+        Returns the perturbed points (m, 3) in the frame of the turned robot, and the turn to the
+        left in radians. The unperturbed case returns the points themselves, a turned case returns
+        the rotated points.
         """
 
 

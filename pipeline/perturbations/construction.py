@@ -1,5 +1,5 @@
-"""Construction: adds new walls to a query's points, with or without the shadows they cast (SCI
-paper, Fig. 9; METHODS 2.8).
+"""Construction: adds new walls to a query's points, with or without their shadows (SCI paper, Fig.
+9; METHODS 2.8).
 """
 
 import math
@@ -27,7 +27,7 @@ SKEW = Range(0, 90 - 1e-9, wording="an angle from 0 to below 90")
 class Construction:
     """Adds the points of upright walls; with shadows, removes the points behind them.
 
-    The measures of a wall are drawn uniformly between the bounds below.
+    The dimensions of a wall are drawn uniformly between the bounds below.
     """
 
     walls: Sequence[int] = (1, 2, 3)
@@ -54,8 +54,8 @@ class Construction:
     spacing_m: Positive = 0.2
     """Distance between neighbouring points of a wall, along it and upwards."""
     sensor_height_m: float = 1.3
-    """Height of the sensor above the origin, from which shadows are cast; the default is that of
-    the simulated campus's robot."""
+    """Height of the sensor above the origin, from which shadows are cast; the default is the height
+    on the simulated campus's robot."""
 
     def __post_init__(self) -> None:
         for name in ("walls", "shadows"):
@@ -86,7 +86,7 @@ class Construction:
 
     @property
     def cases(self) -> Sequence[Case]:
-        """The unperturbed case; then one for each number of walls, without and with shadows."""
+        """The unperturbed case; then a case for each number of walls, without and with shadows."""
         cases = [Case()]
         for shadow in self.shadows:
             cases += [Case(CONSTRUCTION, float(count), shadow) for count in self.walls]
@@ -95,7 +95,7 @@ class Construction:
     def perturb(
         self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator
     ) -> tuple[NDArray[np.floating], float]:
-        """Append the points of `case.level` walls, and remove those that they hide; no turn."""
+        """Append the points of `case.level` walls, and with shadows remove hidden points; no turn."""
         if case.change == UNCHANGED:
             return points_m, 0.0
         walls = self.random_walls(int(case.level), rng)
@@ -106,7 +106,7 @@ class Construction:
         return points, 0.0
 
     def random_walls(self, count: int, rng: np.random.Generator) -> list["Wall"]:
-        """Draw `count` random walls, with all numbers of one before those of the next."""
+        """Draw `count` random walls, with all numbers of a wall before the numbers of the next."""
         skew_rad = math.radians(self.skew_deg)
         low = (0.0, self.nearest_m, self.shortest_m, self.lowest_m, -skew_rad)
         high = (2 * math.pi, self.farthest_m, self.longest_m, self.highest_m, skew_rad)
@@ -156,8 +156,8 @@ class Wall(NamedTuple):
         x, y, z = points_m.T
         point_away_m = away[0] * x + away[1] * y
         is_hidden: NDArray[np.bool_] = point_away_m > away_m + OWN_M
-        # Find where the rays to the points behind the wall's plane cross it. A wall has no lower
-        # edge: nothing is seen below it.
+        # Find where the rays to the points behind the wall's plane cross the plane. A wall has no
+        # lower edge, so nothing is seen below it.
         behind = np.flatnonzero(is_hidden)
         share = away_m / point_away_m[behind]
         crossing_left_m = share * (along[0] * x[behind] + along[1] * y[behind])

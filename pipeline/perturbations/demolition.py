@@ -1,5 +1,4 @@
-"""Demolition (SCI paper, Fig. 9; METHODS 2.8): removes a query's points in a wedge of
-directions."""
+"""Demolition: removes a query's points in a wedge of directions (SCI paper, Fig. 9; METHODS 2.8)."""
 
 import math
 from collections.abc import Sequence
@@ -37,7 +36,7 @@ class Demolition:
 
     @property
     def cases(self) -> Sequence[Case]:
-        """The unperturbed case, then one for each width."""
+        """The unperturbed case, then a case for each width."""
         return (Case(), *(Case(DEMOLITION, float(width)) for width in self.widths_deg))
 
     def perturb(

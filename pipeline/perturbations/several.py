@@ -20,14 +20,15 @@ class Several:
     """
 
     parts: Sequence[Perturbation]
-    """The perturbations. They must have the same seed, and no case in common except unperturbed."""
+    """The perturbations; they must have the same seed, and only the unperturbed case in common."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parts", tuple(self.parts))
-        strange = [part for part in self.parts if not hasattr(part, "cases")]
-        if strange:
+        not_perturbations = [part for part in self.parts if not hasattr(part, "cases")]
+        if not_perturbations:
             raise ConfigError(
-                f"perturbation.parts: expected perturbations, each with its _target_, got {strange}"
+                "perturbation.parts: expected perturbations, each with its _target_, got "
+                f"{not_perturbations}"
             )
         if len({part.seed for part in self.parts}) != 1:
             raise ConfigError(

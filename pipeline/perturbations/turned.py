@@ -25,7 +25,7 @@ class Turned:
 
     @property
     def cases(self) -> Sequence[Case]:
-        """The unperturbed case, then one for each repeat."""
+        """The unperturbed case, then a case for each repeat."""
         return (Case(), *(Case(TURNED, repeat=repeat) for repeat in range(self.repeats)))
 
     def perturb(

@@ -35,7 +35,7 @@ QUERIED = {"between": part(3, 0, 12), "later": part(4, 6, 24)}
 
 
 def recorded(strategy: object) -> Lifelong:
-    """The record of a model that learns DAYS by a strategy, and is asked about QUERIED."""
+    """The record of a model that learns DAYS by a strategy, and is queried with QUERIED."""
     steps = supervised(FIFTY, strategy, DAYS, NO_PLACES, None, Progress())
     lifelong, cpu_s = record(steps, QUERIED, lambda line: None, "days", "incremental", 15.0)
     assert len(cpu_s) == len(lifelong.steps)
@@ -52,7 +52,7 @@ def shares(found: Lifelong) -> list[list[float]]:
     ]
 
 
-def test_a_frozen_model_stays_and_a_incremental_one_is_the_joint_one_of_a_database() -> None:
+def test_a_frozen_database_stays_and_an_incremental_one_equals_the_joint_one() -> None:
     # Of the later day, scenes 6 to 11 are known after the first day, scenes 12 to 17 after the
     # second, and scenes 18 to 23 never.
     frozen, incremental, joint = (
@@ -100,7 +100,7 @@ def test_places_of_a_later_day_follow_the_known_ones_and_the_grid_is_extended() 
     np.testing.assert_allclose(later.grid.centre(later.cells[:2]), GRID.centre(first.cells))
 
 
-def test_a_study_learns_every_second_day_and_asks_the_others() -> None:
+def test_a_study_learns_every_second_day_and_queries_the_others() -> None:
     study = made_study(tests=["a", "b", "c"])
     split = with_further_days(study, {}, "", "")
     assert (split.learned, split.tests) == (("a", "c"), ("b",))
@@ -110,7 +110,7 @@ def test_a_study_learns_every_second_day_and_asks_the_others() -> None:
         with_further_days(made_study(tests=["a"]), {}, "", "")
 
 
-def test_only_what_is_trained_is_tuned_and_only_a_study_with_updates_updates() -> None:
+def test_only_trained_methods_are_fine_tuned_and_only_studies_with_such_days_self_train() -> None:
     defaults = {
         "courses": {"days": ["incremental"]},
         "trained": {"days": ["incremental", "fine_tuned"], "self_training": ["self_trained"]},

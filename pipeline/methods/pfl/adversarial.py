@@ -3,9 +3,9 @@
 In: a `Game` (an encoder, a decoder and their discriminators, with their losses) and images. Out:
 the networks with the weights of the best round, and curves of all losses by round. A round is:
 
-1. for each batch of images, one step of the optimiser of each network in its turn;
+1. for each batch of images, take one step of the optimiser of each network in turn;
 2. settle the batch norms' running statistics;
-   3. judge the encoder and decoder on validation images (`health`, and how many places they
+3. judge the encoder and decoder on validation images (`health`, and how many places they
    recognise);
 4. keep the weights if they are the best so far, and write a checkpoint.
 """
@@ -30,20 +30,21 @@ from pipeline.networks import loop
 from pipeline.networks.lenet import to_device
 
 ACCURACY = "validation_accuracy"
-"""The judge's number by which the best round is chosen, if it gives one."""
+"""The name of the judge's number by which the best round is chosen, if the judge returns it."""
 SETTLING_BATCHES = 16
-"""Number of batches from which the batch norms' running statistics are taken after a round."""
+"""The number of batches from which the batch norms' running statistics are computed after a round.
+"""
 BLACK = -1.0
-"""A black pixel, as the networks take pixels: from −1 to 1."""
+"""A black pixel; the networks' pixels are from −1 to 1."""
 Health = dict[str, float]
-"""Numbers that tell, beside the losses, whether a training goes well, by name."""
+"""Numbers by name that show, besides the losses, whether a training goes well."""
 
 
 def health(encoder: nn.Module, decoder: nn.Module, images: Tensor) -> Health:
     """Whether the networks work on validation images (n, 1, 64, 64), as numbers by name.
 
-    - validation_error: mean squared error of their reconstructions.
-    - black_error: that of a black image; a useful reconstruction has less.
+    - validation_error: mean squared error of the reconstructions.
+    - black_error: mean squared error of a black image; a useful reconstruction has less.
     - code_variance (mean over the dimensions) and code_distance (mean distance of two codes): both
       are near 0 if the encoder has collapsed.
     """
@@ -60,9 +61,9 @@ def health(encoder: nn.Module, decoder: nn.Module, images: Tensor) -> Health:
 def settle(encoder: nn.Module, decoder: nn.Module, batches: Iterable[Tensor]) -> None:
     """Set the batch norms' running statistics from images (batch, 1, 64, 64) and reconstructions.
 
-    The statistics of training cannot be used: they mix in generated images, and outputs of the
-    weights of earlier in the round. With a variance that is far too small or too large the networks
-    seem to have collapsed.
+    The statistics of training cannot be used, since they include generated images and outputs of
+    earlier weights. With a variance that is far too small or too large, the networks seem to have
+    collapsed.
     """
     layers = [
         layer
@@ -73,8 +74,8 @@ def settle(encoder: nn.Module, decoder: nn.Module, batches: Iterable[Tensor]) ->
     momenta = [layer.momentum for layer in layers]
     for layer in layers:
         layer.reset_running_stats()
-        # None takes a plain mean over batches. It makes PyTorch synchronise the GPU at each batch,
-        # so it is set for these batches only.
+        # None computes a plain mean over batches. It makes PyTorch synchronise the GPU at each
+        # batch, so it is set only for these batches.
         layer.momentum = None
     for images in batches:
         decoder(encoder(images))
@@ -94,36 +95,38 @@ class AdversarialMethod(SequenceMethod):
 
     view: str = "birdview"
     width: Count = 64
-    """Number of filters of the first convolution; every hidden layer scales with it."""
+    """The number of filters of the first convolution; every hidden layer scales with it."""
     code: Count = 512
-    """Numbers in a code. It is stored as float16, so 512 of them take 1 KB."""
+    """The length of a code. It is stored as float16, so 512 numbers take 1 KB."""
     epochs: Whole = 30
-    """Passes over all headings of the training rows. With 0 the weights stay as they were drawn,
-    which shows what matching alone does. An iteration is one batch; all iterations of the epochs
-    are divided into rounds of equal length, which need not be epochs (`FeatureMethod._rounds`).
+    """Passes over all headings of the training rows. With 0 the initial random weights are used,
+    which shows what matching alone achieves. An iteration is one batch; all iterations of the
+    epochs are divided into rounds of equal length, which need not be epochs
+    (`FeatureMethod._rounds`).
 
-    Neither the paper nor its code gives the number. BiGAN's authors make 400 over MNIST's 50,000
-    images; 30 over the 120,000 images of an NCLT drive are 56,000 iterations.
+    Neither the paper nor its code gives the number. BiGAN's authors use 400 epochs on MNIST's
+    50,000 images; 30 epochs on the 120,000 images of an NCLT drive are 56,000 iterations.
     """
     batch: Annotated[int, Range(2, wording="2 or more, for the batch norms")] = 64
     """Images in a batch."""
     learning_rate: Positive = 0.0002
     schedule: loop.Schedule = "constant"
-    """The authors' is constant. A short training needs the rate to fall at its end; then
+    """The authors' schedule is constant. A short training needs a rate that falls at its end; then
     `learning_rate` is the peak."""
     beta1: Annotated[float, Range(0, 1 - 1e-9, wording="0 or more, and less than 1")] = 0.5
     """Adam's first decay rate."""
     generator_steps: Count = 4
-    """How often an iteration takes each turn that is `repeated`, the generators', on its batch.
-    All other turns take one step: the discriminators, the cycles, and the generators of an
-    objective that sums their terms, as the paper's does."""
+    """How often an iteration takes each `repeated` turn, the generators', on its batch. All other
+    turns take one step: the discriminators, the cycles, and the generators of an objective that
+    sums their terms, like the paper's."""
     kept: Literal["best", "last"] = "best"
-    """Whose weights are kept: those of the round that recognised the most validation places (of
-    equals the last one), or those of the last round. `best` looks at places, so it is not fully
+    """The round whose weights are kept: the round that recognised the most validation places (of
+    equal rounds the last), or the last round. `best` uses place labels, so it is not fully
     unsupervised; `last`, as in the paper, does not."""
     precision: loop.Precision = "auto"
     threads: Count = 2
-    """Fixed, since the order of sums depends on it, and so do the weights."""
+    """The number of threads is a setting, since the order of sums and so the weights depend on it.
+    """
     seed: Seed = 0
 
     def play(
@@ -140,11 +143,11 @@ class AdversarialMethod(SequenceMethod):
         Training takes `rounds` rounds of `iterations` batches each.
 
         Returns the mean of each loss term, and each number of the judge, by round. Afterwards the
-        encoder and the decoder have the weights of the round that is `kept`: no loss of such a game
-        says which are best, and it swings until its end. With 0 epochs nothing is trained, and the
-        judge's numbers are those of the weights as they were drawn. Every random draw of a round
-        follows from the seed and the round's number, so a run that goes on from
-        `progress.checkpoint` gives the same weights as one without interruption.
+        encoder and the decoder have the weights of the round that `kept` chooses: no loss of an
+        adversarial game says which weights are best, and the losses oscillate until the end. With 0
+        epochs nothing is trained, and the judge's numbers are those of the initial weights. Every
+        random draw of a round follows from the seed and the round's number, so a run that continues
+        from `progress.checkpoint` gives the same weights as a run without interruption.
         """
         torch_device = next(game.parameters()).device
         data = torch.from_numpy(images).to(torch_device)
@@ -184,7 +187,7 @@ class AdversarialMethod(SequenceMethod):
         return {name: np.array(column) for name, column in curves.items()}
 
     def _optimizers(self, game: Game) -> dict[str, torch.optim.Optimizer]:
-        """An Adam for each turn, as in the authors' code, by its name in a checkpoint."""
+        """An Adam optimiser for each turn, as in the authors' code, by its name in a checkpoint."""
         optimizers: dict[str, torch.optim.Optimizer] = {}
         for turn in game.turns():
             weights = [weight for player in turn.players for weight in player.parameters()]
@@ -229,7 +232,7 @@ class AdversarialMethod(SequenceMethod):
         return {name: float(value) for name, value in means.items()}
 
     def kept_round(self, curves: Mapping[str, Sequence[float] | NDArray[np.float64]]) -> int:
-        """The index of the round whose weights are kept, so far."""
+        """The index of the round whose weights are kept so far."""
         if self.kept == "last" or ACCURACY not in curves:
             return len(next(iter(curves.values()))) - 1
         return loop.last_of_highest(curves[ACCURACY])

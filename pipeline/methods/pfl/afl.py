@@ -1,5 +1,5 @@
-"""AFL: place features learned by the joint adversarial game alone, which PFL stabilises (Yin et
-al., IROS 2018; METHODS 5.1).
+"""AFL: place features learned by the joint adversarial game alone (Yin et al., IROS 2018; METHODS
+5.1).
 
 Networks, training and matching are those of `FeatureMethod`, as for PFL; the loss has fewer terms.
 """
@@ -16,10 +16,10 @@ class Afl(FeatureMethod):
     """Adversarial feature learning: the joint game of PFL, without PFL's further terms."""
 
     objective: Literal["least_squares", "bce", "paper"] = "least_squares"
-    """The cost of scores, the same as PFL's under this name: squares as in the authors' code, the
-    logistic cost of BiGAN, or the minimax of the paper's text, with one step an iteration. So a
-    comparison of PFL with AFL is one of terms, not of costs."""
+    """The cost of scores, the same as PFL's with this name: squares as in the authors' code, the
+    logistic cost of BiGAN, or the minimax of the paper's text, with one step per iteration. So a
+    comparison of PFL with AFL compares their terms, not their costs."""
 
     def terms(self) -> Objective:
-        """The losses of the joint discriminator and of the generators that try to deceive it."""
+        """The losses of the joint discriminator and of the generators that try to fool it."""
         return OBJECTIVES[self.objective].joint_alone()

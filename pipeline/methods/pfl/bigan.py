@@ -1,12 +1,12 @@
 """The four networks of place feature learning, on bird-views with pixels in [−1, 1] (METHODS 5.2).
 
-An encoder makes a code of an image, a decoder an image of a code; one discriminator scores pairs of
-image and code, another images alone. They follow the code of Yin et al., IROS 2018; the game that
-they play is BiGAN's (Donahue et al., 2017), also called ALI (Dumoulin et al., 2017).
+An encoder maps an image to a code, a decoder maps a code to an image; one discriminator scores
+pairs of image and code, the other images alone. They follow the code of Yin et al., IROS 2018; the
+game is BiGAN's (Donahue et al., 2017), also called ALI (Dumoulin et al., 2017).
 
-In all of them `width` is the number of filters of the first convolution, the authors' 64; all
-hidden layers scale with it. TensorFlow pads a stride of 2 by one pixel before and two behind; here
-it is two and two, which gives the same shapes and counts.
+In all networks `width` is the number of filters of the first convolution, the authors' 64; all
+hidden layers scale with it. TensorFlow pads a stride of 2 by one pixel before and two behind; these
+networks pad by two on each side, which gives the same shapes and counts.
 """
 
 from copy import deepcopy
@@ -20,8 +20,8 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 SIDE = 64
 """Pixels along a side of an image."""
 Head = Literal["scalar", "vector"]
-"""Whether an image's score is one number, or as in the authors' code its 16 · width features, each
-of which is then judged."""
+"""Whether an image's score is one number, or its 16 · width features, each of which is judged, as
+in the authors' code."""
 
 
 def halvings(width: int, channels: int) -> nn.Sequential:
@@ -111,9 +111,9 @@ def doubling(inputs: int, outputs: int) -> nn.ConvTranspose2d:
 
 
 class ImageDiscriminator(nn.Module):
-    """Scores of images: (batch, 1), or (batch, 16 · width) with a `vector` for a head.
+    """Scores of images: (batch, 1), or (batch, 16 · width) with the head `vector`.
 
-    It has 12,700,160 numbers for three channels and such a head.
+    It has 12,700,160 numbers for three channels and the head `vector`.
     """
 
     def __init__(self, width: int = 64, channels: int = 1, head: Head = "scalar") -> None:

@@ -1,11 +1,11 @@
 """Place feature learning: codes of bird-views, learned by an adversarial game and matched in
 sequences (METHODS 5).
 
-It is the common part of PFL and AFL (Yin et al., IROS 2018), which differ in their loss terms. To
-learn, train an encoder on the bird-views of the training sequence (`adversarial`) and store the
-codes of eight headings of each. To localize, encode a query's view at the robot's own heading, take
-the distance to the nearest of the eight codes of each training row, and rank rows by sequences of
-such distances.
+It is the common part of PFL and AFL (Yin et al., IROS 2018), which differ in their loss terms.
+`learn` trains an encoder on the bird-views of the training sequence (`adversarial`), and stores the
+codes of each view at eight headings. `localizer` encodes a query's view at the robot's own heading,
+computes the distance to the nearest of the eight codes of each training row, and ranks the rows by
+sequences of these distances.
 """
 
 from abc import ABC, abstractmethod
@@ -46,17 +46,17 @@ from pipeline.networks.lenet import device
 ROUNDS = 8
 LEAST_ITERATIONS = 10
 MOST_ITERATIONS = 2000
-"""A training has this many rounds, unless one would have fewer or more iterations than these
-bounds. After each round the networks are judged and kept."""
+"""A training has ROUNDS rounds, unless a round would have fewer or more iterations than these
+bounds. After each round the networks are judged and a checkpoint is written."""
 ENCODER = "net/encoder."
 DECODER = "net/decoder."
 """Prefixes of the networks' weights in a model."""
 AT_ONCE = 256
-"""Number of images that are encoded at a time."""
+"""The number of images that are encoded at a time."""
 JUDGED_IMAGES = 256
-"""Largest number of validation images by which a round is judged."""
+"""The largest number of validation images by which a round is judged."""
 PICTURES = 16
-"""Largest number of validation images that a model stores, with their reconstructions."""
+"""The largest number of validation images that a model stores, with their reconstructions."""
 
 
 @dataclass(frozen=True)
@@ -64,15 +64,15 @@ class FeatureMethod(AdversarialMethod, ABC):
     """Learns codes and matches them; PFL and AFL add their loss terms."""
 
     reference_headings: ReferenceHeadings = 8
-    """Number of headings of a training row whose codes are kept: eight as in the paper, or fewer to
-    see what they are worth."""
+    """The number of headings of a training row whose codes are stored: eight as in the paper, or
+    fewer to measure their effect."""
 
     @abstractmethod
     def terms(self) -> Objective:
         """The loss terms of this variant, and their weights."""
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
-        """Train on all headings of the rows that are not held out, then encode all rows."""
+        """Train on all headings of the rows outside validation blocks, then encode all rows."""
         images = _images(views)
         database = Database.learned(views, places)
         is_validation = self.validation(views)
@@ -88,7 +88,7 @@ class FeatureMethod(AdversarialMethod, ABC):
             trained_images = images[~is_validation].reshape(-1, SIDE, SIDE)
             rounds, iterations = self._rounds(len(trained_images), progress.budget)
             curves = self.play(game, trained_images, judge, rounds, iterations, progress)
-            # The model: both networks, the curves, some pictures to look at, and the codes.
+            # The model: both networks, the curves, some pictures for the report, and the codes.
             nets = loop.arrays(game.encoder, ENCODER) | loop.arrays(game.decoder, DECODER)
             columns = {f"curves/{name}": column for name, column in curves.items()}
             model = {**nets, **columns, "best_epoch": np.array(self.kept_round(curves))}
@@ -113,7 +113,7 @@ class FeatureMethod(AdversarialMethod, ABC):
         ).to(device())
 
     def _rounds(self, image_count: int, budget: float) -> tuple[int, int]:
-        """Number of rounds, and of iterations in each, in a share `budget` of a full training."""
+        """The numbers of rounds, and of iterations per round, for a share `budget` of the epochs."""
         if not self.epochs:  # one round without training, to settle the batch norms and to judge
             return 1, SETTLING_BATCHES
         total = max(1, round(self.epochs * budget * image_count / self.batch))
@@ -136,7 +136,7 @@ class FeatureMethod(AdversarialMethod, ABC):
         headings = reference_headings(images.shape[1], self.reference_headings)
 
         def difference(rows: NDArray[np.int64], queries: NDArray[np.int64]) -> NDArray[np.float32]:
-            """The differences of rows from queries, by codes of the present encoder."""
+            """The differences of rows from queries, by the codes of the present encoder."""
             codes = encode(images[rows, headings].reshape(-1, SIDE, SIDE))
             reference = codes.reshape(len(rows), -1, self.code)
             distances, _ = nearest_heading(reference, encode(images[queries, 0]))
@@ -221,7 +221,7 @@ class FeatureMethod(AdversarialMethod, ABC):
         return codes.reshape(*reference.shape[:2], -1).astype(np.float16)
 
     def _folded(self, model: Model) -> Encoder:
-        """A model's encoder, made faster, with weights of the type that `precision` says."""
+        """A model's encoder with folded batch norms, with weights of the type of `precision`."""
         return folded(_trained(Encoder, model, ENCODER), loop.dtype(device(), self.precision))
 
 

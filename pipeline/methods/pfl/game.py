@@ -1,11 +1,11 @@
-"""The adversarial game by which place features are learned: networks in; their losses out.
+"""The adversarial game by which place features are learned: networks in, their losses out.
 
-It follows Yin et al., IROS 2018, eq. 7–11, or their code where that differs (METHODS 5.1). An
-encoder makes a code of an image, a decoder an image of a code. A joint discriminator learns to tell
-pairs of a real image and its code from pairs of a random code and the image made of it; encoder and
-decoder learn to make pairs that it mistakes for each other. That is AFL. PFL stabilises it with a
-second discriminator, of images alone, and with the error of a pass through both networks: image to
-code to image, and code to image to code (the cycles).
+It follows Yin et al., IROS 2018, eq. 7–11, or their code where it differs (METHODS 5.1). An encoder
+maps an image to a code, a decoder maps a code to an image. A joint discriminator learns to
+distinguish pairs of a real image and its code from pairs of a random code and its decoded image;
+encoder and decoder learn to make pairs that it cannot distinguish. This is AFL. PFL stabilises the
+game with a second discriminator, of images alone, and with the error of a pass through both
+networks: image to code to image, and code to image to code (the cycles).
 """
 
 from collections.abc import Callable, Mapping
@@ -21,29 +21,29 @@ from pipeline.methods.pfl.bigan import Head
 
 @dataclass(frozen=True)
 class Objective:
-    """The loss of the game: what scores cost, and the weight of each term beside the joint game.
+    """The loss of the game: the cost of scores, and the weight of each term beside the joint game.
 
-    A term of weight 0 is not computed.
+    A term with weight 0 is not computed.
     """
 
     loss: Literal["least_squares", "bce", "minimax"] = "least_squares"
-    """What wrong scores cost: squares, or logistic costs. `minimax` is the paper's own: there the
+    """The cost of wrong scores: squares, or logistic costs. With the paper's `minimax` the
     generators maximise the logistic costs that the discriminators minimise, and costs are summed
     instead of averaged."""
     image: float = 0.1
     """Weight of the game on images alone."""
     fakes: Literal["prior", "reconstruction", "both"] = "prior"
-    """The generated images that the image discriminator learns to tell from real ones: those made
-    of random codes, of the codes of real images, or half of each."""
+    """The generated images that the image discriminator learns to distinguish from real images:
+    images decoded from random codes, from the codes of real images, or half of each."""
     image_cycle: float = 0.1
     """Weight of the error of an image that is encoded and decoded."""
     code_cycle: float = 0.1
     """Weight of the error of a code that is decoded and encoded."""
     head: Head = "scalar"
-    """What the image discriminator scores: the image as a whole, or each of its features."""
+    """Whether the image discriminator scores the image as a whole, or each of its features."""
     summed: bool = False
-    """Whether encoder and decoder take one step an iteration, down the sum of all their terms (eq.
-    11), instead of one for each term. Then the term of eq. 7 trains the encoder too."""
+    """Whether encoder and decoder take one step per iteration, down the sum of all their terms (eq.
+    11), instead of one step for each term. Then the term of eq. 7 trains the encoder too."""
 
     def joint_alone(self) -> "Objective":
         """The same cost of scores, but only the joint game: AFL."""
@@ -62,10 +62,10 @@ class Objective:
         return both if self.loss == "minimax" else both / 2
 
     def generator_cost(self, scores: Tensor, right_score: float) -> Tensor:
-        """The generators' cost of scores that the discriminator wants to be all `right_score`.
+        """The generators' cost of scores that are all `right_score` for a good discriminator.
 
         It is the cost of the opposite score. In `minimax` it is minus the discriminator's cost,
-        log(1 − D) or log D, whose gradient vanishes where the discriminator is sure.
+        log(1 − D) or log D, whose gradient vanishes where the discriminator is certain.
         """
         if self.loss == "minimax":
             return -self.cost(scores, right_score)
@@ -91,10 +91,10 @@ OBJECTIVES: Mapping[str, Objective] = {
 
 
 class Game(nn.Module):
-    """The networks, and the loss of each.
+    """The networks, and the loss of each network.
 
     All losses take images (batch, 1, 64, 64) and random codes (batch, code), and return terms by
-    name, which are to be summed.
+    name, which the caller sums.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class Game(nn.Module):
     def turns(self) -> list["Turn"]:
         """The turns of an iteration in their order.
 
-        Those of the generators may be taken several times, unless their terms are summed.
+        The generators' turns may be taken several times, unless their terms are summed.
         """
         coders = (self.encoder, self.decoder)  # together, the generators of the joint game
         turns = [Turn("joint_discriminator", (self.joint,), self.judge_pairs)]
@@ -144,15 +144,15 @@ class Game(nn.Module):
         }
 
     def minimise(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
-        """All of the encoder's and decoder's losses, to be summed (eq. 11)."""
+        """All losses of the encoder and decoder, which the caller sums (eq. 11)."""
         terms = self.reconstruct(images, codes)
         if self.image is not None:
             terms |= self.fool_images(images, codes)
         return terms | self.fool_pairs(images, codes)
 
     def fool_pairs(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
-        """The encoder's and decoder's loss: the opposite scores, so that both pairs look
-        similar."""
+        """The loss of the encoder and decoder in the joint game: pairs should get the opposite
+        scores."""
         image_codes = self.encoder(images)
         fakes = self.decoder(codes)
         fake_cost = self.objective.generator_cost(self.joint(fakes, codes), 0.0)
@@ -161,7 +161,7 @@ class Game(nn.Module):
         return {"joint_generator": both if self.objective.loss == "minimax" else both / 2}
 
     def judge_images(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
-        """The image discriminator's loss: it should score real images 1, generated ones 0."""
+        """The image discriminator's loss: it should score real images 1, generated images 0."""
         assert self.image is not None
         with torch.no_grad():
             fakes = self._fakes(images, codes)
@@ -170,7 +170,7 @@ class Game(nn.Module):
         return {"image_discriminator": self.objective.image * torch.stack(costs).mean()}
 
     def fool_images(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
-        """The decoder's loss, and if summed the encoder's: generated images should score 1."""
+        """The decoder's loss, and with summed terms the encoder's: generated images should score 1."""
         assert self.image is not None
         costs = [
             self.objective.generator_cost(self.image(fake), 0.0)
@@ -179,7 +179,7 @@ class Game(nn.Module):
         return {"image_generator": self.objective.image * torch.stack(costs).mean()}
 
     def reconstruct(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
-        """The encoder's and decoder's loss in the cycles: mean squared error of a pass through
+        """The loss of the encoder and decoder in the cycles: mean squared error of a pass through
         both."""
         terms = {}
         if self.objective.image_cycle:
@@ -204,11 +204,11 @@ class Game(nn.Module):
 
 @dataclass(frozen=True)
 class Turn:
-    """One step of an optimiser in an iteration: the networks that it changes, and their loss."""
+    """One step of an optimiser in an iteration: the networks that it trains, and their loss."""
 
     name: str
     players: tuple[nn.Module, ...]
     terms: Callable[[Tensor, Tensor], dict[str, Tensor]]
-    """Computes the loss terms, to be summed, from images and codes."""
+    """Computes the loss terms from images and codes; their sum is the loss."""
     repeated: bool = False
-    """Whether it is taken `generator_steps` times in an iteration."""
+    """Whether the turn is taken `generator_steps` times in an iteration."""

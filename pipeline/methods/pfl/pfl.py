@@ -1,8 +1,8 @@
-"""PFL: place features that two discriminators and two cycles learn together, which keeps them
-stable (Yin et al., IROS 2018).
+"""PFL: place features learned by two discriminators and two cycles, which stabilise the training
+(Yin et al., IROS 2018).
 
 The paper is "Stabilize an Unsupervised Feature Learning for LiDAR-based Place Recognition" (METHODS
-5). Networks, training and matching are those of `FeatureMethod`; here the loss is chosen.
+5). Networks, training and matching are those of `FeatureMethod`; this module chooses the loss.
 """
 
 from dataclasses import dataclass
@@ -20,8 +20,8 @@ class Pfl(FeatureMethod):
         "least_squares"
     )
     """A key of pipeline.methods.pfl.game.OBJECTIVES. `least_squares` and `bce` have the paper's
-    terms with the weights of the authors' code. Only `paper` is the paper as written: it makes one
-    step an iteration, and ignores `generator_steps`."""
+    terms with the weights of the authors' code. Only `paper` is the paper as written: it takes one
+    step per iteration, and ignores `generator_steps`."""
 
     def terms(self) -> Objective:
         """All four loss terms of eq. 7 to 11."""

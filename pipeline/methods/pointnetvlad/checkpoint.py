@@ -1,9 +1,9 @@
 """Reads a TensorFlow checkpoint without TensorFlow: the files `PREFIX.index` and `PREFIX.data-…`.
 
 In: the path PREFIX. Out: all tensors as arrays, by name. The index is a LevelDB table: blocks of
-sorted keys, which leave out the beginning that they share with the key before, and a footer. Its
-values are protobuf messages: a header under the empty key; under each tensor's name its type,
-shape, shard, offset and size. The data files (shards) hold the numbers as they are.
+sorted keys, each without the beginning that it shares with the key before, and a footer. Its values
+are protobuf messages: a header under the empty key; under each tensor's name its type, shape,
+shard, offset and size. The data files (shards) hold the raw numbers.
 """
 
 from collections.abc import Iterator, Mapping
@@ -30,7 +30,7 @@ Message = dict[int, list[int | bytes]]
 
 
 class Entry(NamedTuple):
-    """What the index says of a tensor."""
+    """The index's entry for a tensor."""
 
     dtype_code: int
     """A key of TYPES, unless the tensor is skipped."""
@@ -38,9 +38,9 @@ class Entry(NamedTuple):
     shard: int
     """The number of the data file."""
     offset: int
-    """Where it begins in that file, in bytes."""
+    """Where the tensor begins in that file, in bytes."""
     size: int
-    """Its length in bytes."""
+    """The length of the tensor in bytes."""
 
 
 def is_checkpoint(prefix: Path) -> bool:
@@ -56,7 +56,7 @@ def index_path(prefix: Path) -> Path:
 def read_checkpoint(prefix: Path) -> dict[str, NDArray[Any]]:
     """All tensors of a checkpoint by name.
 
-    Raises ConfigError that names the file which is missing, cut short, or no such table.
+    Raises ConfigError, which names the file, if a file is missing, cut short or no such table.
     """
     path = index_path(prefix)
     try:
@@ -127,18 +127,18 @@ def _entries(table: bytes) -> Iterator[tuple[str, Message]]:
 
 
 def _handle(data: bytes, at: int) -> tuple[tuple[int, int], int]:
-    """The offset and size of a block, read at a position of data, and the position behind them."""
+    """The offset and size of a block, read at the position `at`, and the position behind them."""
     offset, at = _varint(data, at)
     size, at = _varint(data, at)
     return (offset, size), at
 
 
 def _block(table: bytes, offset: int, size: int) -> Iterator[tuple[bytes, bytes]]:
-    """The keys and values of a block; a key is reported by what it shares with the one before."""
+    """The keys and values of a block; a key is stored without what it shares with the key before."""
     if table[offset + size] != 0:  # the byte behind a block is its kind of compression
         raise ValueError("its blocks are compressed, which TensorFlow's are not")
     block = table[offset : offset + size]
-    # At its end are the offsets of the entries with whole keys, and their number, of 4 bytes each.
+    # The offsets of the entries with whole keys are at its end, then their number, 4 bytes each.
     restarts = int.from_bytes(block[-4:], "little")
     end = size - 4 * (restarts + 1)
     at = 0
@@ -184,7 +184,7 @@ def _bytes(value: int | bytes) -> bytes:
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
-    """A number that is written in seven bits a byte, and the position behind it."""
+    """A number that is stored in seven bits per byte, and the position behind it."""
     value = shift = 0
     while data[at] & 0x80:
         value |= (data[at] & 0x7F) << shift

@@ -1,12 +1,12 @@
 """NetVLAD with context gating: one descriptor from the features of a cloud's points (METHODS 3.2).
 
-1. Assign each point's feature to clusters, in shares.
+1. Assign each point's feature softly to clusters.
 2. Sum the residuals from each cluster's centre, and normalise the sums.
-3. Project all of them to one short vector.
+3. Project the sums to one short vector.
 4. Gate each of its numbers by the vector itself, and normalise.
 
-NetVLAD is by Arandjelović et al., CVPR 2016, gating by Miech et al., 2017; Uy and Lee, CVPR 2018,
-put both behind PointNet: that is `Describer`.
+NetVLAD is by Arandjelović et al., CVPR 2016, gating by Miech et al., 2017. `Describer` is the
+network of Uy and Lee, CVPR 2018, which puts both behind PointNet.
 """
 
 from copy import deepcopy
@@ -41,7 +41,8 @@ class NetVlad(nn.Module):
             nn.init.normal_(weight, std=inputs**-0.5)
 
     def forward(self, features: Tensor) -> Tensor:
-        # Features of length 1, assigned to clusters. It is cheaper to scale what follows from them.
+        # Assign features of length 1 to clusters. It is cheaper to scale the results than the
+        # features.
         lengths = torch.linalg.vector_norm(features, dim=2, keepdim=True).float()
         scale = 1 / lengths.clamp_min(1e-6)
         likeness = (self.assign(features) * scale).flatten(0, 1)
@@ -85,8 +86,8 @@ class Describer(nn.Module):
 def folded(net: nn.Module, weight_type: torch.dtype = torch.float32) -> nn.Module:
     """A copy of a network that is several times faster, but cannot be trained.
 
-    Its batch norms are folded into the dense layers before them, whose weights are of this type;
-    with bfloat16 it must run under autocast.
+    Its batch norms are folded into the dense layers before them, whose weights get this type; with
+    bfloat16 the network must run under autocast.
     """
     net = deepcopy(net).eval()
     for parent in list(net.modules()):

@@ -1,9 +1,9 @@
 """PointNet's trunk as PointNetVLAD uses it: a feature of each point of a cloud (METHODS 3.2).
 
-Every point goes through the same dense layers by itself. Twice a small network, a T-Net, looks at
-all points of the cloud and changes their base: once that of the positions, once that of the
-features. By Qi et al., CVPR 2017; as in the code of Uy and Lee, CVPR 2018, the trunk has no batch
-norm and no pooling.
+Every point goes through the same dense layers by itself. Two small networks, the T-Nets, compute a
+change of base from all points of the cloud: one for the positions, one for the features. PointNet
+is by Qi et al., CVPR 2017; as in the code of Uy and Lee, CVPR 2018, the trunk has no batch norm and
+no pooling.
 """
 
 from itertools import pairwise
@@ -52,7 +52,7 @@ class TNet(nn.Module):
     def forward(self, points: Tensor) -> Tensor:
         cloud_count, point_count, width = points.shape
         features = self.points(points.flatten(0, 1)).unflatten(0, (cloud_count, point_count))
-        # Two ways to the same maximum: one is faster backwards, the other forwards.
+        # Both compute the same maximum; `max` is faster with a backward pass, `amax` without.
         highest = features.max(1).values if self.training else features.amax(1)
         # The ReLU comes after the maximum, which gives the same numbers with less work.
         base: Tensor = self.base(self.cloud(highest.relu()))

@@ -1,10 +1,10 @@
 """PointNetVLAD: places recognised by a learned descriptor of the cloud around the sensor (Uy and
 Lee, CVPR 2018; METHODS 3.2).
 
-The network, `netvlad.Describer`, makes a descriptor of a cloud. It is trained so that clouds of the
-same place have near descriptors, and clouds far apart others (`quadruplet`). To learn, train and
-describe the training sequence's clouds. To localize, describe the query's cloud and rank the
-training clouds by the distance of their descriptors.
+The network, `netvlad.Describer`, maps a cloud to a descriptor. It is trained so that clouds of the
+same place have near descriptors, and clouds far apart have distant descriptors (`quadruplet`).
+`learn` trains it, and describes the training sequence's clouds. `localizer` describes the query's
+cloud and ranks the training clouds by the distance of their descriptors.
 """
 
 from collections.abc import Callable, Iterator
@@ -33,17 +33,17 @@ from pipeline.networks.lenet import device
 ROUNDS = 4
 LEAST_STEPS = 10
 MOST_STEPS = 700
-"""A training has ROUNDS rounds, unless one would have fewer or more steps than these bounds; the
-authors' rounds have 700 steps.
+"""A training has ROUNDS rounds, unless a round would have fewer or more steps than these bounds;
+the authors' rounds have 700 steps.
 
 Between rounds the descriptors are computed again, to judge the network by the validation blocks and
 to find the hardest negatives.
 """
 WARM_UP = 0.25
-"""Share of the training, its beginning, with random negatives alone: for the authors 5 of 20
-epochs."""
+"""The first share of the training, which has only random negatives: 5 of 20 epochs in the authors'
+code."""
 AT_ONCE = 16_384
-"""Number of points that are described at a time: few enough for a processor's cache."""
+"""The number of points that are described at a time: few enough for a processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ AT_ONCE = 16_384
 class PointNetVlad(DescriptorMethod):
     """The authors' network, loss and choice of negatives, trained on the training sequence.
 
-    The pretrained network of the authors can be named in `weights`.
+    `weights` can name the authors' pretrained network.
     """
 
     view: str = "cloud"
@@ -60,12 +60,11 @@ class PointNetVlad(DescriptorMethod):
     `pointnetvlad.weights`."""
     epochs: Whole = 20
     batch: Count = 2
-    """Number of queries in a step; each comes with its positives, its negatives and one more
-    cloud."""
+    """The number of queries in a step; each has its positives, its negatives and one more cloud."""
     positives: Count = 2
     negatives: Count = 18
     hard_negatives: Whole = 10
-    """How many of the negatives are the ones most like the query, after the warm-up."""
+    """How many of the negatives are the most similar to the query, after the warm-up."""
     positive_m: Positive = 10.0
     """Clouds at most this far apart show the same place."""
     negative_m: float = 50.0
@@ -74,29 +73,30 @@ class PointNetVlad(DescriptorMethod):
     margin_star: NotNegative = 0.2
     """The margins of the loss (`quadruplet`)."""
     train_points: Count = 4096
-    """Number of random points of each cloud that training looks at."""
+    """The number of random points of each cloud that training uses."""
     points: Count = 4096
-    """Number of points of each cloud that its descriptor is made of: the first ones, since a cloud
-    comes in random order. The model stores this number."""
+    """The number of points of each cloud that its descriptor is computed from: the first points,
+    since a cloud is in random order. The model stores this number."""
     turn_deg: NotNegative = 0.0
-    """Each training cloud is turned by a random angle up to this, to either side; 0 for the
-    authors, whose code has 90 as an option."""
+    """Each training cloud is turned by a random angle up to this, to either side; the authors use
+    0, and their code has 90 as an option."""
     learning_rate: Positive = 0.00005
     schedule: loop.Schedule = "one_cycle"
-    """The authors' is stepped."""
+    """The authors' schedule is stepped."""
     batch_norm_momentum: Positive = 0.1
     """Weight of a new batch in the batch norms' running statistics. With the authors' .001 a short
     training would not forget the first batches."""
     precision: loop.Precision = "auto"
     threads: Count = 2
-    """Fixed, since the order of sums depends on it, and so do the weights."""
+    """The number of threads is a setting, since the order of sums and so the weights depend on it.
+    """
     seed: Seed = 0
 
     def __post_init__(self) -> None:
         if self.epochs == 0 and not self.weights:
-            setting = f"method.epochs={self.epochs}"
             raise ConfigError(
-                f"{setting}: expected 1 or more, or 0 with method.weights to use them as they are"
+                f"method.epochs={self.epochs}: expected 1 or more, or 0 with method.weights to use "
+                "them as they are"
             )
         if not self.positive_m < self.negative_m:
             raise ConfigError(
@@ -183,7 +183,7 @@ class PointNetVlad(DescriptorMethod):
     def cloud_describer(
         self, net: Describer
     ) -> Callable[[NDArray[np.float16]], NDArray[np.float32]]:
-        """A function from clouds (n, point, xyz) to descriptors (n, 256), by a network as it is."""
+        """A function from clouds (n, point, xyz) to descriptors (n, 256), by a network."""
         torch_device = next(net.parameters()).device
         fast = folded(net, loop.dtype(torch_device, self.precision))
 
@@ -236,12 +236,12 @@ class _Training:
         self.steps = min(total, max(LEAST_STEPS, min(MOST_STEPS, -(-total // ROUNDS))))
         self.rounds = round(total / self.steps)
         self.descriptors: NDArray[np.float32] | None = None
-        """(n, 256) of all clouds, as the last judgement computed them."""
+        """(n, 256) the descriptors of all clouds, from the last call of `judge`."""
 
     def fit(self, progress: Progress) -> dict[str, NDArray[Any]]:
         """Train, and leave the weights of the best round in the network.
 
-        Returns its number and the curves, as `loop.fit` does.
+        Returns the number of the best round and the curves, like `loop.fit`.
         """
         return loop.fit(
             self.net,
@@ -259,10 +259,10 @@ class _Training:
         )
 
     def batches(self, order: torch.Generator) -> Iterator[Tensor]:
-        """A round's batches of clouds (query · tuple, point, xyz), the negatives hard if it is
-        late.
+        """A round's batches of clouds (query · tuple, point, xyz), after the warm-up with hard
+        negatives.
 
-        Every query comes once, in random order, before it comes again.
+        Every query is used once, in random order, before a query is used again.
         """
         rng = np.random.default_rng(order.initial_seed())
         descriptors = None
@@ -293,7 +293,7 @@ class _Training:
         return batch.to(device())
 
     def step(self, answer: Callable[[Tensor], Tensor], batch: Tensor) -> tuple[Tensor, Tensor, int]:
-        """The loss of a batch, how many of its tuples are right, and of how many."""
+        """The loss of a batch, the number of its right tuples, and of all its tuples."""
         method = self.method
         tuple_size = 1 + method.positives + method.negatives + 1  # the query, …, and n*
         descriptors = answer(batch).view(method.batch, tuple_size, -1)
@@ -303,10 +303,10 @@ class _Training:
         return loss, right, method.batch
 
     def judge(self, net: Describer) -> tuple[float, float]:
-        """Loss and accuracy of the judged rows against all trained ones.
+        """Loss and accuracy of the judged rows against all trained rows.
 
-        The loss is the first term of the training's. A row is right if the trained row with the
-        nearest descriptor is of its place.
+        The loss is the first term of the training's loss. A row is right if the trained row with
+        the nearest descriptor is of the same place.
         """
         margin = self.method.margin
         positive_m = self.method.positive_m
@@ -318,8 +318,8 @@ class _Training:
         differences[self.judged_rows[:, None] == self.rows] = np.inf  # a row is not its own answer
         to_positive = np.where(self.distances_m <= positive_m, differences, np.inf).min(axis=1)
         to_negative = np.where(self.distances_m > positive_m, differences, np.inf).min(axis=1)
-        # Squared distances of descriptors of length 1 are 4 at most. So much is lost by a row that
-        # has no positive.
+        # Squared distances of descriptors of length 1 are at most 4. A row without a positive gets
+        # the largest loss.
         losses = np.clip(margin + to_positive - to_negative, 0, margin + 4)
         nearest_rows = self.rows[differences.argmin(axis=1)]
         is_right = places[nearest_rows] == places[self.judged_rows]

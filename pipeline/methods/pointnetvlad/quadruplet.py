@@ -14,13 +14,13 @@ from torch import Tensor
 from pipeline.core.errors import InputError
 
 CANDIDATES = 4000
-"""Number of random negatives among which the hardest are looked for."""
+"""The number of random negatives among which the hardest are searched."""
 
 
 def lazy_quadruplet(
     tuples: Tensor, positives: int, margin: float, margin_star: float
 ) -> tuple[Tensor, Tensor]:
-    """The loss of some tuples, and how many are right.
+    """The loss of some tuples, and the number of right tuples.
 
     `tuples` (tuple, 1 + positives + negatives + 1, size) are descriptors in the order of
     `Tuples.draw`. With squared distances, and d the query's distance to its nearest positive, the
@@ -59,10 +59,10 @@ class Tuples:
     negatives: int
     """Number of positives and negatives of a query."""
     hard: int
-    """How many of the negatives are the hardest, once there are descriptors to tell."""
+    """How many of the negatives are the hardest, once descriptors are available."""
 
     def queries(self) -> NDArray[np.int64]:
-        """The rows that have a positive and a negative; raises InputError if none has."""
+        """The rows that have a positive and a negative; raises InputError if there are none."""
         rows = []
         for row in range(len(self.xy_m)):
             positive_rows, negative_rows = self._around(row)
@@ -80,10 +80,10 @@ class Tuples:
         """Draw rows (1 + positives + negatives + 1,): the query, positives, negatives, n*.
 
         Rows are repeated if there are too few. n* is a random row farther than `positive_m` from
-        the query and its negatives, or if there is none, the row farthest from them.
+        the query and its negatives; if there is no such row, it is the row farthest from them.
         """
         positive_rows, negative_rows = self._around(query)
-        # Negatives at random; with descriptors the hardest first: the most similar.
+        # Random negatives; with descriptors the hardest, which are the most similar, come first.
         negative_rows = rng.permutation(negative_rows)
         if descriptors is not None:
             candidates = negative_rows[:CANDIDATES]
@@ -93,7 +93,7 @@ class Tuples:
             negative_rows = np.concatenate([hardest, further])
         positive_rows = np.resize(rng.permutation(positive_rows), self.positives)
         negative_rows = np.resize(negative_rows, self.negatives)
-        # n*, by each row's distance to the nearest of query and negatives.
+        # n*, from each row's distance to the nearest of query and negatives.
         query_and_negatives = np.unique(np.append(negative_rows, query))
         distances_m = np.linalg.norm(self.xy_m[:, None] - self.xy_m[query_and_negatives], axis=2)
         gap_m = distances_m.min(axis=1)

@@ -1,4 +1,4 @@
-"""Reads a file of weights that a user names into the network (METHODS 3.2).
+"""Reads the weights of a user's file into the network (METHODS 3.2).
 
 The file is a model of this method, a safetensors file, or a TensorFlow checkpoint of the authors.
 The weights of the latter get this network's names:
@@ -33,8 +33,8 @@ AVERAGE = "ExponentialMovingAverage"
 MEAN = ("moments/Squeeze/", "moments/normalize/mean/", "moments/mean/")
 VARIANCE = ("moments/Squeeze_1/", "moments/normalize/variance/", "moments/variance/")
 TNETS = {"turn": ("transform_net1", "transform_XYZ"), "mix": ("transform_net2", "transform_feat")}
-"""Our name of each T-Net to their scope of it, and within that the scope of its last layer. `turn`
-is the T-Net of positions, `mix` that of features."""
+"""Our name of each T-Net to the authors' scope, and the scope of its last layer within it. `turn`
+is the T-Net of positions, `mix` the T-Net of features."""
 TRUNK = {"early": ("conv1", "conv2"), "late": ("conv3", "conv4", "conv5")}
 NORMS = {"assign_norm": "cluster_bn", "project_norm": "bn", "gate_norm": "gating_bn"}
 MATRICES = {"assign": "cluster_weights", "project": "hidden1_weights", "gate": "gating_weights"}
@@ -45,8 +45,8 @@ def load(net: nn.Module, path: Path) -> None:
     """Load the weights of a file into the network.
 
     In a model and a safetensors file they have the network's own names, with or without net/ before
-    them. The path of a checkpoint is that of its files without `.index` and `.data-…`. Raises
-    ConfigError that names the file and the first tensor that is missing, unknown or of another
+    them. The path of a checkpoint is the path of its files without `.index` and `.data-…`. Raises
+    ConfigError, which names the file and the first tensor that is missing, unknown or of another
     shape.
     """
     stored = _stored(path)
@@ -82,9 +82,9 @@ def _stored(path: Path) -> dict[str, NDArray[Any]]:
 
 
 def renamed(tensors: Arrays) -> dict[str, NDArray[np.float32]]:
-    """The weights of the network by our names, from the authors' tensors by theirs.
+    """The weights by the network's names, from the authors' tensors by their names.
 
-    Raises ConfigError that names a tensor which the checkpoint lacks.
+    Raises ConfigError, which names the tensor, if the checkpoint lacks a tensor.
     """
     return {
         name: np.ascontiguousarray(value, np.float32) for name, value in _collected(tensors).items()

@@ -1,4 +1,5 @@
-"""SCI's network closed into a ring: turning the image turns the answer, exactly (METHODS 8.1).
+"""SCI's network closed into a ring, so that turning the image exactly turns the answer (METHODS
+8.1).
 
 In: Scan Context Images, whose columns are sectors around the robot. Out: a logit for each place at
 each heading. The layers are those of Kim, Park and Kim (RA-L 2019; METHODS 2.4), with three
@@ -6,7 +7,7 @@ changes:
 
 - the last sector is a neighbour of the first, so that convolutions wrap around;
 - kernels span few sectors;
-- the dense layers look at the features at every heading, with the same weights.
+- the dense layers are applied to the features at every heading, with the same weights.
 """
 
 from itertools import pairwise
@@ -18,24 +19,24 @@ from pipeline.core.errors import InputError
 from pipeline.networks.lenet import FILTERS, initialise, trunk
 
 POOLED = 8
-"""Columns of the image to a sector of the features, since three layers pool by two. A heading is a
-sector."""
+"""The number of image columns per sector of the features, since three layers pool by two. A heading
+is a sector."""
 SPANS = 3, 3, 1
-"""Number of sectors that the kernels of the three convolutions span (beside 5 rings). A feature
-then sees 42°, so that a new wall changes few of them."""
+"""The number of sectors that the kernels of the three convolutions span (beside 5 rings). A feature
+then sees 42°, so that a new wall changes few features."""
 
 
 class RingConv(nn.Conv2d):
     """A convolution of 5 rings × `span` sectors that wraps around the sectors.
 
-    Beyond the first and the last ring it sees zeros.
+    Beyond the first and the last ring it is padded with zeros.
     """
 
     def __init__(self, channels: int, filters: int, span: int) -> None:
         super().__init__(channels, filters, (5, span), padding=(2, 0))
 
     def forward(self, images: Tensor) -> Tensor:
-        # Put as many sectors of the other end on either side as the kernel reaches beyond it.
+        # Pad each side with as many sectors of the other end as the kernel reaches beyond it.
         reach = self.kernel_size[1] // 2
         sectors = images.shape[3]
         return super().forward(
@@ -46,19 +47,19 @@ class RingConv(nn.Conv2d):
 class Ring(nn.Module):
     """Logits over headings and places of images (batch, channels, rings, sectors) in [0, 1].
 
-    Heading h is that of a sensor which is turned by h · 8 columns, counter-clockwise, against one
-    that looks along +x. To answer for it, the features are turned back by h sectors before the
-    first dense layer, FC1, looks at them. So if an image is rolled by 8 columns, the answer is the
-    same bit for bit, with the headings rolled by −1. It is initialised as LeNet is. Raises
-    InputError if 8 does not divide the number of sectors.
+    Heading h is the heading of a sensor that is turned counter-clockwise by h · 8 columns from +x.
+    For this heading, the features are turned back by h sectors before the first dense layer, FC1.
+    So if an image is rolled by 8 columns, the answer is the same bit for bit, with the headings
+    rolled by −1. The weights are initialised like LeNet's. Raises InputError if 8 does not divide
+    the number of sectors.
 
-    FC1's weights are cut into slices, one for each sector that it looks at. Instead of turning the
+    FC1's weights are cut into slices, one for each sector of its input. Instead of turning the
     features, every sector is multiplied with every slice once (`products`), and each heading sums
     the products that belong to it.
     """
 
     last_layer = "fc2"
-    """The layer with one row a place."""
+    """The layer with one row for each place."""
     by_slice: Tensor
     """(heading, slice) the indices of the products that a heading sums, slice by slice."""
     by_sector: Tensor
@@ -92,7 +93,8 @@ class Ring(nn.Module):
         bound = (6 / (self.headings * column_size + 64)) ** 0.5  # Glorot's, of inputs and outputs
         nn.init.uniform_(self.fc1, -bound, bound)
         initialise(self)
-        # Product number sector · headings + slice; at heading h, slice s looks at sector s − h.
+        # Product number sector · headings + slice; at heading h, the input of slice s is sector
+        # s − h.
         index = torch.arange(self.headings)
         heading = index[:, None]
         sector_of_slice = (index - heading) % self.headings
@@ -105,9 +107,9 @@ class Ring(nn.Module):
     def forward(self, images: Tensor, arc: int = 0) -> Tensor:
         """Logits (batch, 1 + arcs, heading, places) of whole images, then without each arc.
 
-        An arc is `arc` neighbouring sectors of the features, and one begins at every sector; with 0
-        there are none. All come from one pass: FC1 is linear, so an arc can be subtracted from its
-        sum.
+        An arc is `arc` neighbouring sectors of the features, and an arc begins at every sector;
+        with 0 there are no arcs. All logits come from one pass: FC1 is linear, so an arc can be
+        subtracted from its sum.
         """
         if not arc:
             return self.place_logits(self.embed(images))[:, None]
@@ -143,10 +145,10 @@ class Ring(nn.Module):
 
 
 def neighbours(headings: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:
-    """The two of `count` headings (n,) between which each fractional heading (n,) lies.
+    """The two of `count` headings between which each fractional heading (n,) lies.
 
-    Returns the lower ones, the upper ones, and how far (n,) each heading is from the lower to the
-    upper one, from 0 to 1.
+    Returns the lower headings (n,), the upper headings (n,), and the position (n,) of each heading
+    between them, from 0 to 1.
     """
     below = headings.floor()
     lower = below.long() % count

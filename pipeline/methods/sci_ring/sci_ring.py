@@ -1,9 +1,9 @@
 """SCI on a ring: one softmax over places × headings, so an answer has a heading too (METHODS 8).
 
 It is our own method, in neither paper. The network is `ring.Ring`; settings, training and answers
-are those of `Classifier` and `Learner`, as for SCI. It differs from SCI in the network and in three
-more ways: training also asks for the right answer without some sectors (`step`), the first places
-are re-ranked by their return profiles (`reranked`), and novelty is another one (`novelties`).
+are those of `Classifier` and `Learner`, as for SCI. It differs from SCI in the network, and in
+three more ways: the loss is also computed without some sectors (`step`), the first places are
+re-ranked by their return profiles (`reranked`), and the kind of novelty differs (`novelties`).
 """
 
 from collections.abc import Callable, Iterator
@@ -34,10 +34,10 @@ class Batch(NamedTuple):
     images: Tensor
     """(b, channels, rings, sectors) coloured images, each turned at random."""
     places: Tensor
-    """(b,) their places."""
+    """(b,) the places of the images."""
     arc: int
-    """Number of neighbouring sectors of the features without which the loss is computed too; 0 for
-    none."""
+    """The number of neighbouring sectors of the features without which the loss is computed too; 0
+    for no arc."""
     headings: Tensor
     """(b,) the yaw of the images, in headings of the network."""
 
@@ -46,7 +46,7 @@ class Batch(NamedTuple):
 class SciRing(Learner):
     """SCI with the network `Ring`.
 
-    It needs a view whose columns run counter-clockwise, and their number must be a multiple of 8.
+    The columns of its view must run counter-clockwise, and their number must be a multiple of 8.
     """
 
     architecture = Ring
@@ -55,15 +55,15 @@ class SciRing(Learner):
     batch: Count = 32
     dropout: Share = 0.5
     worst_arc: Share = 0.5
-    """Share of the loss without the arc of sectors whose absence costs most, so that no place
+    """The weight of the loss without the arc of sectors whose absence costs most, so that no place
     depends on a few sectors alone."""
     widest_arc: Count = 5
-    """Largest number of sectors of an arc, of 24° each; each batch draws a number from 1 to
+    """The largest number of sectors in an arc, of 24° each; each batch draws a number from 1 to
     this."""
     refit: Share = 0.3
     yaw_noise_deg: NotNegative = 0.0
-    """Standard deviation of Gaussian noise on the yaw of each training view, to study how well it
-    must be known."""
+    """Standard deviation of Gaussian noise on the yaw of each training view, to study how precisely
+    it must be known."""
 
     def batches(
         self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor
@@ -97,8 +97,8 @@ class SciRing(Learner):
     def step(self, answer: Callable[..., Tensor], batch: Batch) -> tuple[Tensor, Tensor, int]:
         """Cross-entropy in nats over headings × places, and the number of right first places.
 
-        The target is split linearly between the two headings nearest to the true one. A share
-        `worst_arc` of the loss is the largest one without an arc of sectors.
+        The target is split linearly between the two headings nearest to the true heading. A share
+        `worst_arc` of the loss is the largest loss without an arc of sectors.
         """
         logits = answer(batch.images, batch.arc).float()  # (b, 1 + arcs, heading, place)
         places = batch.places
@@ -121,7 +121,7 @@ class SciRing(Learner):
         """Logits and headings of the places, and features.
 
         A place's probability is the sum over its headings, and its heading is their circular mean.
-        The features are those at the heading of the first place, interpolated.
+        The features are interpolated at the heading of the first place.
         """
         net.eval()
         torch_device = next(net.parameters()).device
@@ -144,7 +144,7 @@ class SciRing(Learner):
     def embed_training(
         self, net: Ring, heights: Tensor, views: Rows, trained: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Features of every view, validation ones included, turned to face +x."""
+        """Features of every view, including validation views, turned to face +x."""
         net.eval()
         facing_x = rolled(heights, self._yaw_columns(views, heights.shape[2]).round().long())
         parts = [self.embedded(net, part)[:, 0] for part in torch.split(facing_x, self.batch)]
@@ -164,9 +164,10 @@ class SciRing(Learner):
     def reranked(
         self, prediction: Prediction, images: NDArray[np.float32], model: Model
     ) -> Prediction:
-        """The outputs, with the first places re-ranked by the likeness of their return profiles.
+        """The outputs, with the first places re-ranked by the agreement of their return profiles.
 
-        A return profile is the nearest thing that stands in each sector (matching.return_profiles).
+        A return profile is the ring of the first standing object in each sector
+        (matching.return_profiles).
         """
         scores, heading_deg = reranked(
             prediction.scores,
@@ -184,18 +185,18 @@ class SciRing(Learner):
     ) -> NDArray[np.float64]:
         """World positions (n, k, 2) of the answers.
 
-        The first answer is at the training view most like the query, the others are at their
-        places' mean positions.
+        The first answer has the position of the query's most similar training view, the others have
+        the mean positions of their places.
         """
         return np.concatenate([likest_m[:, None], places_m[:, 1:]], axis=1)
 
     def novelties(
         self, logits: NDArray[np.float64], softness: float, likeness: NDArray[np.float64]
     ) -> Kinds:
-        """The kinds of novelty; in use is `combined`: tempered entropy times feature distance.
+        """The kinds of novelty; the one in use is `combined`: tempered entropy × feature distance.
 
-        On validation blocks of two simulated worlds neither of the two alone reached as high an
-        AUROC and AUC.
+        On validation blocks of two simulated worlds it reached a higher AUROC and AUC than either
+        of the two alone.
         """
         kinds = super().novelties(logits, softness, likeness)
         return {"combined": kinds["tempered_entropy"] * kinds["feature_distance"], **kinds}
