@@ -264,7 +264,7 @@ def play_rounds(
 
 
 def _most_accurate(curves: Curves) -> int:
-    """The epoch of the highest accuracy; the validation loss may rise while the ranking improves."""
+    """The epoch of the highest accuracy, since the loss may rise while the ranking improves."""
     return last_of_highest(curves["validation_accuracy"])
 
 

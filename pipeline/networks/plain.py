@@ -137,7 +137,7 @@ class Plain:
         return Outputs(scores, _of_length_1(embedded), np.full_like(scores, np.nan))
 
     def _ring(self, features: Floats) -> Outputs:
-        """The dense layers of `sci_ring`'s network at every heading (methods.sci_ring.ring.Ring)."""
+        """The dense layers of `sci_ring`'s network, at every heading (methods.sci_ring.ring)."""
         weights = self.weights
         count, width, _ = weights["fc1"].shape
         # FC1: the product of every sector with every slice, summed for each heading.

@@ -95,7 +95,7 @@ class Construction:
     def perturb(
         self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator
     ) -> tuple[NDArray[np.floating], float]:
-        """Append the points of `case.level` walls, and with shadows remove hidden points; no turn."""
+        """Append the points of `case.level` walls, with shadows remove hidden points; no turn."""
         if case.change == UNCHANGED:
             return points_m, 0.0
         walls = self.random_walls(int(case.level), rng)

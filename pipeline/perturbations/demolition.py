@@ -1,4 +1,4 @@
-"""Demolition: removes a query's points in a wedge of directions (SCI paper, Fig. 9; METHODS 2.8)."""
+"""Demolition: removes a query's points in a wedge (SCI paper, Fig. 9; METHODS 2.8)."""
 
 import math
 from collections.abc import Sequence

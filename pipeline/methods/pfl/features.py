@@ -113,7 +113,7 @@ class FeatureMethod(AdversarialMethod, ABC):
         ).to(device())
 
     def _rounds(self, image_count: int, budget: float) -> tuple[int, int]:
-        """The numbers of rounds, and of iterations per round, for a share `budget` of the epochs."""
+        """The numbers of rounds and of iterations per round, for a share `budget` of the epochs."""
         if not self.epochs:  # one round without training, to settle the batch norms and to judge
             return 1, SETTLING_BATCHES
         total = max(1, round(self.epochs * budget * image_count / self.batch))

@@ -170,7 +170,7 @@ class Game(nn.Module):
         return {"image_discriminator": self.objective.image * torch.stack(costs).mean()}
 
     def fool_images(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
-        """The decoder's loss, and with summed terms the encoder's: generated images should score 1."""
+        """The decoder's loss, with summed terms also the encoder's: fakes should score 1."""
         assert self.image is not None
         costs = [
             self.objective.generator_cost(self.image(fake), 0.0)

@@ -134,7 +134,7 @@ def _handle(data: bytes, at: int) -> tuple[tuple[int, int], int]:
 
 
 def _block(table: bytes, offset: int, size: int) -> Iterator[tuple[bytes, bytes]]:
-    """The keys and values of a block; a key is stored without what it shares with the key before."""
+    """The keys and values of a block; a key is stored without the beginning of the key before."""
     if table[offset + size] != 0:  # the byte behind a block is its kind of compression
         raise ValueError("its blocks are compressed, which TensorFlow's are not")
     block = table[offset : offset + size]
