@@ -13,8 +13,8 @@ import numpy as np
 
 from pipeline.core import schemas, store
 from pipeline.core.settings import Count, Names
-from pipeline.matching.asking import StoredModel, turned_deg
 from pipeline.matching.ranking import Rows
+from pipeline.matching.stored_model import StoredModel, turned_deg
 from stages import EachSequence, each_sequence, stage
 
 

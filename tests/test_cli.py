@@ -330,7 +330,7 @@ def test_a_file_of_conf_that_cannot_be_read_is_one_line(project, capsys, file, c
         main(["repair"])
 
 
-def test_a_training_sequence_that_is_not_there_is_refused_with_those_that_are(project, capsys):
+def test_a_training_sequence_that_is_missing_is_refused_with_those_on_disk(project, capsys):
     nclt(project / "data", "2012-02-04", "2012-03-17")
     line = refused(capsys, "use", "nclt", f"root={project / 'data'}")
     assert "one of 2012-02-04, 2012-03-17" in line
@@ -402,7 +402,7 @@ def test_results_are_printed_for_other_programs(project, capsys):
     assert "expected one of the columns study, dataset" in line
 
 
-def test_results_of_a_study_that_was_changed_since_are_called_so(project, capsys):
+def test_results_of_a_study_that_was_changed_since_are_reported_as_stale(project, capsys):
     main(["use", "campus", "methods=sci"])
     keep_results(table(RESULTS, study="campus", dataset="campus", grid="10m"))
     main(["results", "--csv"])

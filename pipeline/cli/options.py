@@ -44,13 +44,13 @@ BodyTLidar = Annotated[
     typer.Option(
         "--body-T-lidar",
         metavar="X,Y,Z,ROLL,PITCH,YAW",
-        help="Pose of the lidar in the robot's frame, in metres and degrees; replaces a bag's "
-        "transforms; not for logs of the site's data set",
+        help="Pose of the lidar in the robot's frame, in metres and degrees, instead of a bag's "
+        "transforms; without effect on logs, which their reader places",
     ),
 ]
 Topic = Annotated[
     str | None,
-    typer.Option(metavar="TOPIC", help="Topic of the clouds, needed if a bag has several"),
+    typer.Option(metavar="TOPIC", help="Topic of the clouds, for a bag with several"),
 ]
 Odometry = Annotated[
     str | None,

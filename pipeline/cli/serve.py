@@ -27,7 +27,7 @@ Host = Annotated[
     ),
 ]
 Workers = Annotated[
-    int, typer.Option(metavar="N", help="Processes that answer HTTP requests, at most one a core")
+    int, typer.Option(metavar="N", help="Processes that answer HTTP requests, such as one per core")
 ]
 ZenohEndpoint = Annotated[
     str | None,

@@ -53,8 +53,8 @@ ReferencePoses = Annotated[
     typer.Option(
         "--poses",
         metavar="FILE",
-        help="Learn all scans at the reference poses of this TUM trajectory, or with the word log "
-        "at the log's own poses; by default at the site's own fixes",
+        help="Learn scans at the reference poses of this TUM trajectory, or with the word log at "
+        "the log's own poses; by default at the site's own fixes",
     ),
 ]
 LearnedTargetPrecision = Annotated[

@@ -47,7 +47,7 @@ def contrast(differences: NDArray[np.float32], rows: int) -> NDArray[np.float32]
 def least(rows: int) -> float:
     """The lowest value of `contrast`: one difference of a window is below all others, which are
     equal."""
-    # With n values, of which one is 0 and the others are 1, the mean is (n − 1) / n and the sample
+    # With n values, one of them 0 and the rest 1, the mean is (n − 1) / n and the sample
     # variance 1 / n; so the value is −(n − 1) / √n. A window has n = 2 (rows // 2) + 1 rows.
     return -2 * (rows // 2) / math.sqrt(2 * (rows // 2) + 1)
 

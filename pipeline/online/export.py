@@ -117,8 +117,8 @@ def export(source: Path, out: Path, compact: bool = False) -> str:
                 "network alone"
             )
         other_arrays = {key: array for key, array in model.items() if not key.startswith(NET)}
-        answering = replace(description, incremental_learning=None)
-        site_file.write(out, site_file.Parts(answering, other_arrays, arrays, data))
+        exported_description = replace(description, incremental_learning=None)
+        site_file.write(out, site_file.Parts(exported_description, other_arrays, arrays, data))
     else:
         with replaced(out) as scratch:
             scratch.write_bytes(data)

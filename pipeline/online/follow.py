@@ -229,7 +229,7 @@ class Following:
             self._keep_cloud(record)
 
     def _keep_transforms(self, record: Any, is_static: bool) -> None:
-        """Keep of each transform the first pose and one that differs; of the odometry all poses."""
+        """Keep each transform's first pose and a different pose, and all poses of the odometry."""
         try:
             transforms = from_cdr(record.data, TRANSFORMS).transforms
         except LogError as error:

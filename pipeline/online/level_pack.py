@@ -69,8 +69,8 @@ def pack_sweeps(
     """
     sweeps = Sweeps.of(scans, is_posed=True)
     learned = Learned.read(verdict, sweeps_basis(sweeps, UNSEEN_SHARE))
-    what = "draw" if learned else "localise validation stretches of"
-    progress.tell(f"{what} {len(sweeps.world_T_sweep)} sweeps")
+    activity = "draw" if learned else "localise validation stretches of"
+    progress.tell(f"{activity} {len(sweeps.world_T_sweep)} sweeps")
     day = LevelDay.of(sweeps, UNSEEN_SHARE, LevelValidation(), learned)
     return _write(out, name, simulated, day.level_map, day.verdict, reader, train, None)
 

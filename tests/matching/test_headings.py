@@ -38,7 +38,7 @@ def test_reference_headings_are_even_ones_evenly_around_the_circle() -> None:
     assert np.arange(3)[reference_headings(3, 1)].tolist() == [0]
 
 
-def test_codes_that_lie_close_together_far_from_zero_are_reported_apart() -> None:
+def test_codes_that_lie_close_together_far_from_zero_are_distinguished() -> None:
     # As a collapsed network's do: lengths of 570, distances of about 0.8.
     codes, queries = random_codes(30, 6)
     codes = 100 + codes.astype(np.float32) / 10

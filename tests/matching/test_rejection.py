@@ -42,7 +42,7 @@ RANKING = Ranking(
 )
 
 
-def test_a_threshold_keeps_the_target_precision_among_seen_and_unseen() -> None:
+def test_a_threshold_reaches_the_target_precision_among_seen_and_unseen() -> None:
     # Half of the queries unseen, each counting half, in order of entropy: right .1, right .2,
     # unseen .25, wrong .3, right .4, unseen .5, .6, .7. One more counted wrong, kept are .5/1.5,
     # 1/2, 1/2.5, 1/3, 1.5/3.5, 1.5/4, 1.5/4.5, 1.5/5.
@@ -82,7 +82,7 @@ def test_evidence_survives_being_part_of_a_model_and_one_without_is_refused() ->
         NoveltyEvidence.of(earlier)
 
 
-def test_blocks_of_several_days_stay_apart() -> None:
+def test_blocks_of_several_days_stay_distinct() -> None:
     assert NoveltyEvidence.joined([EVIDENCE, EVIDENCE]).block.tolist() == [0, 1, 2, 3, 4, 5, 6, 7]
 
 
@@ -145,7 +145,7 @@ def test_a_threshold_stands_midway_to_the_next_novelty_and_just_above_the_last()
     )
 
 
-def test_where_the_target_precision_is_not_kept_the_most_is_reached() -> None:
+def test_where_the_target_precision_is_missed_the_highest_is_reached() -> None:
     # Twelve, the third and the last wrong: of the first eleven 9 are right, 9 of 12, more than 8 of
     # 11 or 9 of 13.
     assert LEAST_BLOCKS == 10
@@ -167,7 +167,7 @@ def test_too_few_blocks_or_none_right_offer_nothing() -> None:
         assert np.isnan(none.validation_precision)
 
 
-def test_a_line_says_what_is_kept_where_less_than_wanted() -> None:
+def test_a_line_gives_the_precision_if_it_misses_the_target() -> None:
     rejection = Rejection("own", 0.9, 0.0)
     novelty = {"e": np.arange(12.0)}
 
@@ -263,7 +263,7 @@ QUERIES = st.lists(st.tuples(NOVELTIES, st.booleans()), min_size=1, max_size=12)
 
 @given(QUERIES, st.floats(0.05, 1))
 @settings(max_examples=60)
-def test_what_is_said_to_be_kept_is_kept_and_no_larger_threshold_keeps_it(
+def test_the_given_precision_is_reached_and_by_no_larger_threshold(
     queries: list[tuple[float, bool]], wanted: float
 ) -> None:
     novelty = np.array([n for n, _ in queries])
@@ -282,7 +282,7 @@ def test_what_is_said_to_be_kept_is_kept_and_no_larger_threshold_keeps_it(
 
 @given(QUERIES, st.floats(0.05, 1))
 @settings(max_examples=60)
-def test_no_larger_threshold_keeps_the_precision(
+def test_no_larger_threshold_reaches_the_precision(
     queries: list[tuple[float, bool]], precision: float
 ) -> None:
     novelty = np.array([n for n, _ in queries])

@@ -1,6 +1,6 @@
-"""Re-ranking by outlines: what hides a place says nothing, what is gone speaks against it.
+"""Re-ranking by return profiles: hidden sectors say nothing, gone objects speak against a place.
 
-Three places have four training views with random outlines.
+Three places have four training views with random return profiles.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ from pipeline.matching.return_profiles import (
 SECTORS = 120
 RNG = np.random.default_rng(3)
 SHAPES = RNG.integers(3, 30, (4, SECTORS)).astype(np.int16)
-"""The outlines of the training views."""
+"""The return profiles of the training views."""
 LEARNED = ReturnProfiles(
     SHAPES, np.array([0, 1, 2, 2]), np.array([0.0, 30.0, 60.0, 100.0], np.float32)
 )
@@ -27,11 +27,11 @@ LEVEL = np.zeros((1, 3))
 
 
 def seen(view: int, turn: int) -> np.ndarray:
-    """The outline that a sensor sees at a training view, turned to the left by `turn` columns."""
+    """The return profile that a sensor sees at a training view, turned to the left by `turn` columns."""
     return np.roll(SHAPES[view : view + 1], -turn, axis=1)
 
 
-def test_an_return_profile_is_the_first_ring_that_stands() -> None:
+def test_a_return_profile_is_the_first_ring_with_a_standing_object() -> None:
     heights = np.zeros((2, 5, 3))
     heights[0, [1, 3], 0] = 4.0, 9.0
     heights[0, 2, 1] = 1.5  # no more than grass

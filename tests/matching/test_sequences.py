@@ -68,7 +68,7 @@ def test_a_slower_or_faster_drive_is_followed_within_its_speed_s_slip(speed: flo
     ).all()
 
 
-def test_a_drive_the_other_way_is_followed_where_that_is_asked_for() -> None:
+def test_a_drive_the_other_way_is_followed_if_the_settings_allow_it() -> None:
     rows = np.arange(80, 30, -1)
     ranking = ranked(rows, noise=0.3, both_ways=True)
     np.testing.assert_array_equal(ranking.places[:, 0], rows)
@@ -149,7 +149,7 @@ def test_distinct_places_are_answered_once_each() -> None:
     np.testing.assert_array_equal(ranking.xy_m[:, 0, 0], 2.0 * np.arange(30, 80))
 
 
-def test_queries_are_answered_alike_however_many_are_searched_at_once(
+def test_queries_get_the_same_answers_however_many_are_searched_at_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     at_once = ranked(np.arange(30, 80), k=4, noise=2.0, both_ways=True)
@@ -210,7 +210,7 @@ def test_of_equally_good_rows_the_first_answers() -> None:
     )
 
 
-def test_validation_rows_ask_in_one_drive_and_are_not_their_own_answer() -> None:
+def test_validation_rows_are_queried_in_one_drive_and_are_not_their_own_answer() -> None:
     given: list[np.ndarray] = []
 
     def difference(known: np.ndarray, asking: np.ndarray) -> np.ndarray:

@@ -98,7 +98,7 @@ def test_a_shift_at_which_few_columns_meet_may_be_passed_over():
         assert turned_deg[0] in turn
 
 
-def test_rows_are_compared_in_the_order_asked_however_many():
+def test_rows_are_compared_in_the_given_order_however_many():
     made = images(7, 0.3, 0.7, (600, 4, 12))
     spectra = Spectra.learned(made)
     everything, _ = spectra.compare(made[0], np.arange(600))
@@ -131,7 +131,7 @@ def test_the_likely_rows_hold_the_nearest_ones_and_are_few(engaged: float, least
             assert len(likely) < 100
 
 
-def test_all_rows_are_likely_where_fewer_groups_than_asked_for_are_known():
+def test_all_rows_are_likely_where_there_are_fewer_groups_than_wanted():
     made = images(11, 0.3, 0.7, (600, 4, 12))
     assert len(Spectra.learned(made).likely(made[0], np.arange(600), 3, np.arange(600) % 2)) == 600
 

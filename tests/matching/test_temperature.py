@@ -1,4 +1,4 @@
-"""Temperature scaling: how over-confident a network is, and when that cannot be reported."""
+"""Temperature scaling: how over-confident a network is, and when the views cannot tell."""
 
 import numpy as np
 from scipy.special import softmax

@@ -65,7 +65,7 @@ def learned(name: str, progress: Progress = SHARE, **settings: Any) -> Model:
 
 @cache
 def model_of(name: str) -> Model:
-    """The model of a method, learned once for all tests that only ask it."""
+    """The model of a method, learned once for all tests that only query it."""
     return learned(name)
 
 
@@ -136,7 +136,7 @@ def test_other_views_are_refused(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in METHODS if name not in ("pfl", "sad")])
-def test_a_incremental_model_knows_the_new_place_and_the_old_ones(name: str) -> None:
+def test_an_extended_model_knows_the_new_place_and_the_old_ones(name: str) -> None:
     method, views, queries, places = METHODS[name]
     is_known = places < places.max()
     budget = Progress(budget=1.0)
@@ -155,7 +155,7 @@ def test_a_incremental_model_knows_the_new_place_and_the_old_ones(name: str) -> 
 
 
 @pytest.mark.parametrize("name", ["pfl", "sad"])
-def test_a_incremental_database_of_sequences_has_all_rows_and_the_same_networks(name: str) -> None:
+def test_an_extended_database_of_sequences_has_all_rows_and_the_same_networks(name: str) -> None:
     method, views, _, places = METHODS[name]
     is_known = np.arange(len(places)) < len(places) - 1
     is_known[np.unique(places, return_index=True)[1]] = True

@@ -91,7 +91,7 @@ def test_weights_start_as_the_authors_do() -> None:
 
 
 @pytest.mark.parametrize("kind", [torch.float32, torch.bfloat16])
-def test_a_folded_network_describes_alike(net: nn.Module, kind: torch.dtype) -> None:
+def test_a_folded_network_gives_the_same_descriptors(net: nn.Module, kind: torch.dtype) -> None:
     clouds = torch.rand(2, 300, 3, generator=torch.Generator().manual_seed(2)) * 2 - 1
     before = [value.clone() for value in net.state_dict().values()]
     with torch.inference_mode(), torch.autocast("cpu", kind, enabled=kind == torch.bfloat16):

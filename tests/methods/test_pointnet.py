@@ -49,7 +49,7 @@ def test_a_point_has_its_feature_wherever_it_stands_in_the_cloud() -> None:
         torch.testing.assert_close(net(clouds)[:, order], net(clouds[:, order]))
 
 
-def test_the_base_is_found_from_the_highest_of_all_points_alike_in_training_and_after() -> None:
+def test_the_base_is_found_from_the_highest_of_all_points_in_training_as_in_inference() -> None:
     torch.manual_seed(0)
     net = TNet(3, 0.1)
     torch.nn.init.normal_(net.base.weight)

@@ -61,7 +61,7 @@ def ranking(model: Model) -> Ranking:
 
 
 @pytest.mark.learning
-def test_places_are_reported_apart(ranking: Ranking, model: Model, clears: Clears) -> None:
+def test_places_are_distinguished(ranking: Ranking, model: Model, clears: Clears) -> None:
     clears((ranking.places[:, 0] == GROUND_TRUTH).mean(), 0.8)
     assert np.array_equal(ranking.novelty[:, 0], ranking.costs[:, 0])
     assert np.isnan(ranking.heading_deg).all()

@@ -104,7 +104,7 @@ def test_the_seam_is_seen_and_the_rims_are_not_joined() -> None:
 
 
 def test_what_is_dropped_of_the_features_is_dropped_at_every_heading(image: torch.Tensor) -> None:
-    """In a ring that look similar all around, all headings stay similar if they share one mask that
+    """In a ring that looks the same all around, all headings stay the same if they share one mask that
     drops whole images."""
     torch.manual_seed(0)
     net = Ring(2, dropout=1.0).train()
@@ -112,7 +112,7 @@ def test_what_is_dropped_of_the_features_is_dropped_at_every_heading(image: torc
     assert torch.equal(embedded, net.fc1_bias.expand_as(embedded))
     half = Ring(2, dropout=0.5).train()
     with torch.no_grad():
-        # Every slice similar: a heading sums the same kept columns
+        # All slices are equal: a heading sums the same kept columns
         half.fc1.copy_(half.fc1[:1].expand_as(half.fc1))
         embedded = half.embed(image)
     torch.testing.assert_close(embedded, embedded[:, :1].expand_as(embedded), atol=1e-5, rtol=1e-4)

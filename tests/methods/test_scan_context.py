@@ -144,14 +144,14 @@ def test_a_robot_that_turns_left_by_30_degrees_is_reported_so(method: Both):
 
 
 @BOTH
-def test_an_empty_view_is_as_far_from_all_as_can_be_reported_and_has_no_heading(method: Both):
+def test_an_empty_view_is_as_far_from_all_as_possible_and_has_no_heading(method: Both):
     ranking = asking(method)(one(np.zeros((10, 24), np.float32)), 3)
     assert ranking.costs.tolist() == [[1, 1, 1]]
     assert np.isnan(ranking.heading_deg).all()
 
 
 @BOTH
-def test_more_queries_than_are_asked_at_once_are_answered_in_order(method: Both):
+def test_more_queries_than_fit_into_a_block_are_answered_in_order(method: Both):
     images = np.concatenate([rows(seed).images for seed in (2, 3, 4, 5)])
     ranking = asking(method)(along(images), 1)
     assert len(images) > 256

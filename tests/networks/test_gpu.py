@@ -58,7 +58,7 @@ def test_a_gpu_trains_a_model_that_a_processor_answers_with(
 
 @pytest.mark.parametrize("kind", [Sci, SciRing])
 def test_a_few_steps_cost_on_a_gpu_what_they_cost_on_a_processor(kind: type[Classifier]) -> None:
-    """Two trainings see the same views, turned and coloured similar, in the same order."""
+    """Two trainings see the same views, turned and coloured the same way, in the same order."""
     method = kind(**SETTINGS | {"epochs": 2, "dropout": 0.0})
     on_gpu = method.learn(rows(), GROUND_TRUTH, Progress())
     with processor():

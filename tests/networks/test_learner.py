@@ -1,4 +1,4 @@
-"""Tests of a network that learns further places: which views are shown again, and the rows of new
+"""Tests of a network that learns further places: which views are replayed, and the rows of new
 places."""
 
 import numpy as np
@@ -22,7 +22,7 @@ class Last(nn.Module):
         )
 
 
-def test_of_each_place_the_views_of_the_highest_loss_are_shown_again() -> None:
+def test_of_each_place_the_views_of_the_highest_loss_are_replayed() -> None:
     # Rows 0 to 2 are of place 0, row 3 of place 1; the loss rises as the margin of the true place
     # falls: rows 1, 0, 2.
     logits = torch.tensor([[1.0, 0.0], [0.0, 1.0], [5.0, 0.0], [0.0, 9.0]])

@@ -1,4 +1,4 @@
-"""The site of three places, and commands that ask it."""
+"""The site of three places, and the commands that use it."""
 
 from pathlib import Path
 

@@ -74,7 +74,7 @@ def test_a_site_answers_without_torch(learned: Path, tmp_path: Path) -> None:
         export(tmp_path / "onnx.site", tmp_path / "again.onnx")
 
 
-def test_a_compact_site_is_a_third_as_large_and_answers_alike(
+def test_a_compact_site_is_a_third_as_large_and_gives_the_same_answers(
     learned: Path, tmp_path: Path
 ) -> None:
     points_m, _ = scan(2)

@@ -1,4 +1,4 @@
-"""Level sites: packed from a map or from sweeps, asked in Python and by commands."""
+"""Level sites: packed from a map or from sweeps, used in Python and by commands."""
 
 import json
 from collections import Counter
@@ -193,7 +193,7 @@ def test_a_tracker_finds_a_robot_again_that_was_carried_without_odometry(hall: P
 
 
 def test_a_level_track_starts_only_from_a_fix_that_its_own_sweeps_accept(hall: Path) -> None:
-    """Belief is no substitute; nor is it from there until the robot has moved on."""
+    """The belief is no substitute, neither at the start nor until the robot has moved on."""
     site = Site.open(hall)
     assert isinstance(site, LevelSite)
     unsure = copy(site)
@@ -286,7 +286,7 @@ def test_no_wrong_pose_of_a_mutated_sweep_is_accepted(hall: Path) -> None:
         fix = site.localize(points_m)
         if fix.verdict == "accepted":
             accepted[kind] += 1
-            # the position counts alone: a turned laser is asked for its own, turned frame
+            # the position counts alone: a turned laser is localised in its own, turned frame
             wrong[kind] += bool(np.linalg.norm(fix.world_T_sensor[:2, 3] - place[:2]) > 1)
     assert accepted["nan"] >= 10
     assert accepted["turned"] >= 20

@@ -114,11 +114,11 @@ def test_a_bag_is_followed_by_its_odometry(localize: Command, tmp_path: Path) ->
     assert "the site is simulated" in reported
     assert "by constant motion over 3" in localize.run(path, "--track")[1]
     kept = tmp_path / "kept.csv"
-    kept.write_text("of before")
+    kept.write_text("an older file")
     assert "--odometry /feet: " in localize.refused(
         path, "--track", "--odometry", "/feet", "--csv", "-o", kept
     )
-    assert kept.read_text() == "of before"
+    assert kept.read_text() == "an older file"
     assert "needs --track" in localize.refused(path, "--odometry", "/wheels")
 
 
@@ -138,7 +138,7 @@ def test_clouds_that_a_bag_leaves_out_are_counted(
     assert "3 more were left out: stamp of an earlier one (3)" in reported
 
 
-def test_the_odometry_of_another_recording_starts_anew(localize: Command, tmp_path: Path) -> None:
+def test_the_odometry_of_another_recording_starts_again(localize: Command, tmp_path: Path) -> None:
     first = driven(tmp_path / "days/a", *[planar(5, 0, 0)] * 3)
     onwards = driven(tmp_path / "b", *[planar(5, 0, 0)] * 3, from_ns=3 * 10**8)
     later = driven(tmp_path / "days/c", *[planar(90, 0, 180)] * 3, from_ns=10**12)
@@ -193,7 +193,7 @@ def test_an_interrupted_command_leaves_an_older_file_as_it_was(
     three_places: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], name: str
 ) -> None:
     out = tmp_path / name
-    out.write_text("of before")
+    out.write_text("an older file")
     scan_file = str(floats(tmp_path))
 
     def cut(path: Path) -> None:
@@ -202,10 +202,10 @@ def test_an_interrupted_command_leaves_an_older_file_as_it_was(
     monkeypatch.setattr(replacing, "_fsync", cut)
     with pytest.raises(SystemExit):
         main([words[0], str(three_places), scan_file, *words[1:], str(out)])
-    assert out.read_text() == "of before"
+    assert out.read_text() == "an older file"
 
 
-def test_a_broken_scan_among_others_is_passed_over_and_counted(
+def test_a_broken_scan_among_others_is_left_out_and_counted(
     localize: Command, tmp_path: Path
 ) -> None:
     floats(tmp_path)

@@ -94,7 +94,7 @@ def test_a_packed_site_localises_a_scan(project: Path, tmp_path: Path) -> None:
 def test_a_site_is_packed_from_the_verdict_of_the_stage_poses(
     project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The same bytes, and no validation block is registered a second time."""
+    """The site has the same bytes, and no validation block is registered a second time."""
     packed(project, "three/10m/scan_context", tmp_path / "learned.site")
     made = project / "artifacts"
     scans = store.read(made / "scans/three/monday.zarr", schemas.Scans)
@@ -128,7 +128,7 @@ def test_a_site_is_packed_from_the_verdict_of_the_stage_poses(
 
 
 def test_a_budgets_own_search_is_in_what_its_verdict_was_learned_with(tmp_path: Path) -> None:
-    """Its verdict is none of a site, which searches the whole map."""
+    """The verdict of a cheaper search is not used for a site, which searches the whole map."""
     model = tmp_path / "model"
     model.write_bytes(b"model")
     rounds = {}

@@ -107,7 +107,7 @@ def test_a_cloud_as_ros_sends_it(server: Server, tmp_path: Path) -> None:
         (bytes(LARGEST_BYTES + 12), FLOATS, 413, "a scan of more than"),
     ],
 )
-def test_what_is_no_scan_is_refused_in_a_line(
+def test_a_body_that_is_no_scan_is_refused_in_a_line(
     server: Server, body: bytes, kind: str, status: int, says: str
 ) -> None:
     answer = server.ask(body, kind)

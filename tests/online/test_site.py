@@ -61,7 +61,7 @@ def test_another_place_is_rejected_and_too_few_points_have_no_pose(three: Site) 
         ((), "no pose"),
     ],
 )
-def test_the_verdict_is_the_first_claim_that_keeps_the_target_precision(
+def test_the_verdict_is_the_first_claim_that_is_accepted(
     three: Site, overlaps: tuple[float, ...], verdict: str
 ) -> None:
     """A pose with odds of e⁴ to 1 is accepted. At e⁻² it is not, but the robot is near it.
@@ -93,7 +93,7 @@ def test_an_array_that_is_no_cloud_is_refused(three: Site, points_m: Any) -> Non
         three.localize(points_m)
 
 
-def test_a_target_precision_that_the_site_does_not_make_is_refused(three: Site) -> None:
+def test_a_target_precision_without_a_threshold_is_refused(three: Site) -> None:
     with one_line(
         InputError,
         "target_precision=0.5: this site has no threshold for it; it has thresholds for 0.95 and 0.99",

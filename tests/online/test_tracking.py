@@ -1,4 +1,4 @@
-"""A tracker follows a robot along its path, guesses its motion, and finds it again when lost."""
+"""A tracker tracks a robot along its path, predicts its motion, and finds it again when lost."""
 
 from copy import copy
 from pathlib import Path
@@ -92,7 +92,7 @@ def test_after_a_long_pause_a_robot_without_odometry_is_sought_everywhere(site: 
     alone = Tracker(site).localize(seen(2, 0.0), None, 60 * SECOND)
     fixes = [tracker.localize(seen(2, 0.5 * i), None, (60 + i) * SECOND) for i in range(4)]
     poses = np.array([fix.world_T_sensor for fix in fixes])
-    # what was believed before changes nothing
+    # the belief before the pause changes nothing
     assert fixes[0].novelty == pytest.approx(alone.novelty)
     assert (np.linalg.norm(poses[:, :2, 3] - ANCHORS[2, :2, 3], axis=1) < 10).all()
     assert fixes[-1].verdict == "accepted"
@@ -127,7 +127,7 @@ def test_a_robot_that_is_carried_off_is_lost_and_found(site: Site) -> None:
 
 
 def test_a_track_starts_only_from_a_fix_that_its_own_scan_accepts(site: Site) -> None:
-    """Belief is no substitute, be it ever so sure; nor is it from there while the robot stands."""
+    """The belief is no substitute, however certain, neither at the start nor while the robot stands."""
     unsure = copy(site)
     unsure.target_precisions = dict.fromkeys(
         site.target_precisions, NO_THRESHOLDS

@@ -24,7 +24,7 @@ POINTS_M = np.random.default_rng(2).uniform((-40, -40, 0), (40, 40, 15), (500, 3
 GLANCE = Several([Turned(repeats=1), Demolition([60]), Construction([2], shadows=[False])])
 
 
-def test_parts_stand_behind_one_case_unperturbed() -> None:
+def test_parts_follow_one_unperturbed_case() -> None:
     assert GLANCE.cases == (
         Case(),
         Case("turned"),
@@ -56,7 +56,7 @@ def test_a_case_is_the_same_beside_any_others_and_another_with_another_seed_or_q
     assert changed(whole(seed=1)) != changed(whole()) != changed(whole(), stamp_ns=4)
 
 
-def test_parts_that_cannot_be_reported_apart_are_refused() -> None:
+def test_parts_that_cannot_be_distinguished_are_refused() -> None:
     with pytest.raises(ConfigError, match="one seed"):
         Several([Turned(), Demolition(seed=1)])
     with pytest.raises(ConfigError, match="in common"):
@@ -72,7 +72,7 @@ def test_parts_that_cannot_be_reported_apart_are_refused() -> None:
     [GLANCE, Turned(), Demolition(), Construction()],
     ids=lambda one: type(one).__name__,
 )
-def test_the_first_case_leaves_everything_unperturbed(perturbation: Perturbation) -> None:
+def test_the_first_case_leaves_the_points_unperturbed(perturbation: Perturbation) -> None:
     assert perturbation.cases[0] == Case() == Case(UNCHANGED, 0.0, False, 0)
     points_m, left_rad = perturbation.perturb(Case(), POINTS_M, np.random.default_rng(0))
     assert points_m is POINTS_M
