@@ -267,14 +267,14 @@ def _method_and_variant(study: Study, name: str, model_name: str) -> tuple[Study
     return method, variant
 
 
-def _target_words(kept: tuple[float, ...]) -> str:
+def _target_words(reached: tuple[float, ...]) -> str:
     """Words that say which of TARGET_PRECISIONS a site reaches, and which not.
 
     TARGET_PRECISIONS are ascending, so the reached ones come first.
     """
-    words = f"target precisions {', '.join(map(str, kept)) or 'none'}"
-    if len(kept) < len(TARGET_PRECISIONS):
-        words += f", not {', '.join(map(str, TARGET_PRECISIONS[len(kept) :]))}"
+    words = f"target precisions {', '.join(map(str, reached)) or 'none'}"
+    if len(reached) < len(TARGET_PRECISIONS):
+        words += f", not {', '.join(map(str, TARGET_PRECISIONS[len(reached) :]))}"
     return words
 
 
