@@ -523,8 +523,8 @@ def test_a_mistyped_command_option_or_value_is_one_line(capsys):
 
 def test_shells_complete_commands_and_options():
     for words, found in (("yearloc loc", "localize"), ("yearloc use --ke", "--keep")):
-        asked = {"COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
-        done = yearloc(**asked, _YEARLOC_COMPLETE="complete_bash")
+        environment = {"COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+        done = yearloc(**environment, _YEARLOC_COMPLETE="complete_bash")
         assert done.stdout.split() == [found]
 
 
