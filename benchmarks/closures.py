@@ -55,8 +55,7 @@ VOXEL_M = 0.5
 REACHES_M = (4.0, 1.0)
 """Largest distance of pairs in ICP and GICP: at first, and then."""
 LOCAL_M = (100.0, 60.0)
-"""How far a local map of MapClosures reaches: what its program takes, and what suits drives of a
-kilometre better."""
+"""The reaches of MapClosures' local maps: its program's default, and one for drives of 1 km."""
 ICP = {"ICP, point to point": "ICP", "ICP, point to plane": "PLANE_ICP", "GICP": "GICP"}
 LEAST_INLIERS = 5
 """With at least so many inliers KISS-Matcher's examples call a registration a success."""
@@ -68,7 +67,7 @@ Guesses = Callable[[int, Points], Iterable[tuple[int, NDArray[np.float64]]]]
 
 @dataclass(frozen=True)
 class Answers:
-    """What one peer says of the queries."""
+    """The answers of one peer to the queries."""
 
     world_T_query: Poses
     """(q, 4, 4); NaN without one."""

@@ -47,7 +47,7 @@ YEARLOC = f"{sys.executable} -m pipeline.cli"
 
 
 class Case(NamedTuple):
-    """What became of one fault."""
+    """How one fault ended."""
 
     what: str
     ending: str
@@ -59,7 +59,7 @@ Rngs = Iterable[random.Random]
 
 
 def digest(path: Path) -> str:
-    """Of a file, or of a folder's files and their names."""
+    """The digest of a file, or of a folder's files with their names."""
     members = sorted(file for file in path.rglob("*") if file.is_file())
     parts = [f"{file.relative_to(path)}".encode() + file.read_bytes() for file in members]
     return hashlib.sha256(b"".join(parts) if path.is_dir() else path.read_bytes()).hexdigest()
@@ -94,8 +94,7 @@ def call(command: str, project: Path) -> "subprocess.CompletedProcess[str]":
 
 
 def stopped(command: str, project: Path, how: signal.Signals, after_s: float) -> str:
-    """What a command says on standard error that is sent a signal after so long; SIGSTOP lets it go
-    on a little later."""
+    """The standard error of a command that gets a signal after a time; SIGSTOP only pauses it."""
     process = subprocess.Popen(
         f"exec {command}",
         shell=True,
@@ -199,8 +198,8 @@ def full_disks(project: Path, rngs: Rngs) -> Iterator[Case]:
             ending = TRACEBACK
         elif process.returncode:
             ending = DIFFERENT if left else REFUSED
-        said = process.stderr.strip().splitlines()[-1:] or [""]
-        yield Case(f"{name} in {room} bytes", ending, said[0][-300:])
+        last_lines = process.stderr.strip().splitlines()[-1:] or [""]
+        yield Case(f"{name} in {room} bytes", ending, last_lines[0][-300:])
 
 
 def published(project: Path) -> Any:
@@ -229,9 +228,9 @@ class Command(NamedTuple):
 
     words: str
     made: tuple[str, ...]
-    """What it makes, which is removed before."""
+    """The files that it makes; they are removed before."""
     result: Callable[[Path], Any]
-    """What of that must be the same."""
+    """Reads the part of them that must be the same."""
 
 
 COMMANDS = {

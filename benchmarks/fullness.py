@@ -160,7 +160,7 @@ def simulated(path: Path) -> Log:
 
 
 def stretched(name: str, world: Simulation, stretches: int, scans: int) -> Log:
-    """So many stretches of each the first and the last sequence in a world's table."""
+    """This many stretches from each of the first and the last sequence in a world's table."""
     gathered: list[list[Scan]] = []
     for sequence in dict.fromkeys((world.training, list(world.sequences)[-1])):
         recorder = world.recorder(sequence)

@@ -76,8 +76,8 @@ def build(project: Path) -> tuple[Trace, float]:
             own_s = times.user + times.system if times else own_s
             time.sleep(0.2)
     if dvc.returncode:
-        said = (project / "repro.log").read_text(encoding="utf-8").splitlines()[-10:]
-        sys.exit("\n".join([*said, f"dvc repro ended with {dvc.returncode}"]))
+        last_lines = (project / "repro.log").read_text(encoding="utf-8").splitlines()[-10:]
+        sys.exit("\n".join([*last_lines, f"dvc repro ended with {dvc.returncode}"]))
     with chdir(project):
         trace = Trace.read("growth")
     assert trace is not None
@@ -108,15 +108,15 @@ def page(project: Path) -> tuple[float, int]:
     try:
         for _ in range(240):
             try:
-                found = json.loads(ask("/api/2.0/mlflow/experiments/search", max_results=100))
+                answer = json.loads(ask("/api/2.0/mlflow/experiments/search", max_results=100))
                 break
             except OSError:
                 time.sleep(0.5)
-        own = [one["experiment_id"] for one in found["experiments"]]
+        ids = [experiment["experiment_id"] for experiment in answer["experiments"]]
         took = []
         for _ in range(3):
             start = time.monotonic()
-            size = len(ask("/api/2.0/mlflow/runs/search", experiment_ids=own, max_results=100))
+            size = len(ask("/api/2.0/mlflow/runs/search", experiment_ids=ids, max_results=100))
             took.append(time.monotonic() - start)
         return min(took), size
     finally:
@@ -165,7 +165,7 @@ def measure(sequences: int, folder: Path) -> dict[str, float]:
 
 
 def table(measured: Mapping[int, Mapping[str, float]]) -> str:
-    """A line a column: its totals, then what each further drive cost between neighbouring sizes."""
+    """A line for each number: its totals, then the cost of a further drive between two sizes."""
     sizes = sorted(measured)
     steps = list(pairwise(sizes))
     heads = [

@@ -139,7 +139,7 @@ def mutated(
 
 @dataclass
 class Counts:
-    """What became of sweeps of one kind."""
+    """The results of the sweeps of one kind."""
 
     asked: int = 0
     accepted: int = 0

@@ -35,17 +35,17 @@ def messages(number: int = 16, unaligned: int = 0) -> list[Message]:
         SimpleNamespace(name=name, offset=4 * i, datatype=7, count=1)
         for i, name in enumerate("xyzi")
     ]
-    found = []
+    made = []
     for _ in range(number):
         points = rng.normal(0, 30, (POINTS, STEP // 4)).astype("<f4")
         points[rng.integers(0, POINTS, POINTS // 100), 0] = np.nan
         data = np.frombuffer(bytes(unaligned) + points.tobytes(), np.uint8)[unaligned:]
-        found.append(Message(data, fields))
-    return found
+        made.append(Message(data, fields))
+    return made
 
 
 def structured(message: Message) -> NDArray[np.float32]:
-    """numpy's structured view, its columns stacked, the finite ones taken."""
+    """Finite points by numpy's structured view, with its columns stacked."""
     view = message.data.view(
         {"names": ["x", "y", "z"], "formats": ["<f4"] * 3, "offsets": [0, 4, 8], "itemsize": STEP}
     )
@@ -54,12 +54,12 @@ def structured(message: Message) -> NDArray[np.float32]:
 
 
 def read_points(message: Message) -> list[tuple[float, ...]]:
-    """As ROS 1's sensor_msgs.point_cloud2 does it, point by point, without its NaN test."""
+    """Points one by one, as in ROS 1's sensor_msgs.point_cloud2, without its NaN test."""
     return list(struct.iter_unpack(f"<3f{STEP - 12}x", message.data.tobytes()))
 
 
 def run() -> list[Race]:
-    """From the deserialised message to finite points (n, 3) in float32."""
+    """Races from the deserialised message to finite points (n, 3) in float32."""
     clouds = messages()
     shifted = messages(unaligned=1)
     if any(not np.array_equal(decode(cloud), structured(cloud)) for cloud in clouds):

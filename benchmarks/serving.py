@@ -48,8 +48,8 @@ def hostile(whole: bytes, rng: np.random.Generator) -> bytes:
 
 def main(site: str, folder: str) -> None:
     options = ScanOptions(read(Path(site)).description.reader)
-    found = islice(options.scans(folder, Counter()), SCANS)
-    bodies = [scan.points().astype("<f4").tobytes() for scan in found]
+    scans = islice(options.scans(folder, Counter()), SCANS)
+    bodies = [scan.points().astype("<f4").tobytes() for scan in scans]
     for workers in (1, os.cpu_count() or 1):
         words = [
             sys.executable,

@@ -121,7 +121,7 @@ def scores(name: str, log: Log, only: list[str]) -> Iterator[Score]:
 
 
 def ways(log: Log) -> dict[str, Callable[[], Poses | Estimates]]:
-    """What estimates the poses of a log, by name."""
+    """The ways to estimate the poses of a log, by name."""
     has_odometry = bool(np.isfinite(log.odom_T_scan[1:]).all())
     skewed = replace(log, times_s=lambda row: None)
     versions = {"": log} if log.times_s(0) is None else {"": log, ", not deskewed": skewed}
@@ -143,9 +143,9 @@ def ours(log: Log, use_log_odometry: bool) -> Estimates:
 
 def errors(ground_truth: Poses, estimate: Poses) -> Errors:
     """The errors of poses (n, 4, 4) after alignment with the true poses."""
-    known = np.isfinite(estimate).all((1, 2)) & np.isfinite(ground_truth).all((1, 2))
-    ground_truth = ground_truth[known]
-    estimate = estimate[known]
+    has_poses = np.isfinite(estimate).all((1, 2)) & np.isfinite(ground_truth).all((1, 2))
+    ground_truth = ground_truth[has_poses]
+    estimate = estimate[has_poses]
     off_m = distance_and_turn(alignment(estimate, ground_truth) @ estimate, ground_truth)[0]
     ate_m = float(np.sqrt((off_m**2).mean()))
     away_m, turn_deg = distance_and_turn(steps(ground_truth), steps(estimate))

@@ -85,9 +85,9 @@ def filtered(day: Day, rows: NDArray[np.int64], rng: np.random.Generator, drift:
         np.zeros(len(rows), bool),
         none,
     )
-    found = Filter().along(track)
-    return found.probability >= TARGET_PRECISION, OF_SCANS.right(
-        found.world_T_query, day.world_T_true[rows]
+    estimates = Filter().along(track)
+    return estimates.probability >= TARGET_PRECISION, OF_SCANS.right(
+        estimates.world_T_query, day.world_T_true[rows]
     )
 
 

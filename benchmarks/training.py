@@ -43,7 +43,7 @@ def trained(kind: type[nn.Module], where: torch.device, batch: int) -> Callable[
 
 
 def seconds(step: Callable[[], object], where: torch.device) -> float:
-    """Of one step on average: CPU time, or wall time of a GPU; two steps come before."""
+    """Mean time of a step after two warm-up steps: CPU time, or wall time on a GPU."""
     clock = time.perf_counter if where.type == "cuda" else time.process_time
     for number in range(STEPS + 2):
         if number == 2:

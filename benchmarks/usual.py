@@ -60,8 +60,8 @@ def searched(chain: Path, model: str) -> Iterator[Searched]:
             answers = Answers(xy_m[row], heading_deg[row])
             fix = replace(fixer, sure=SURE).fix(points_m, targets, answers)
             if fix.hypotheses:
-                found = np.array([hypothesis.world_T_query for hypothesis in fix.hypotheses])
-                good = OF_SCANS.right(found, np.broadcast_to(world_T_true[row], found.shape))
+                poses = np.array([hypothesis.world_T_query for hypothesis in fix.hypotheses])
+                good = OF_SCANS.right(poses, np.broadcast_to(world_T_true[row], poses.shape))
                 yield features(fix.hypotheses), good
 
 

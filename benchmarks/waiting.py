@@ -52,20 +52,20 @@ def step_ms() -> float:
 
 @contextmanager
 def busy(processes: int) -> Iterator[None]:
-    """That many other processes at work meanwhile."""
-    others = [
+    """Keeps this many other processes busy in the block."""
+    children = [
         subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(processes)
     ]
     try:
         yield
     finally:
-        for other in others:
-            other.kill()
-            other.wait()
+        for child in children:
+            child.kill()
+            child.wait()
 
 
 def run() -> list[Race]:
-    """Interleaved, each candidate in a fresh process a round."""
+    """Interleaved races, with a fresh process for each candidate and round."""
     races = []
     for others in (2, 0):
         took: dict[str, list[float]] = {name: [] for name in CANDIDATES}

@@ -1,4 +1,4 @@
-"""How a finding of a paper is judged by kept tables of results.
+"""Judges a finding of a paper by kept tables of results.
 
 A `Side` names one number of one model; `Tables` looks it up. Each public function is given sides
 and returns a `Measure`: a function that reads their numbers in the tables and returns an `Outcome`,
@@ -62,7 +62,7 @@ class Side:
 
     @property
     def is_trained(self) -> bool:
-        """Whether it is of a trained network, so that another seed would give another number."""
+        """Whether its model is a trained network, so that another seed gives another number."""
         return self.method not in UNTRAINED and self.number != BLACK_ERROR
 
     @property
@@ -72,7 +72,7 @@ class Side:
 
     @property
     def label(self) -> str:
-        """The model, and what is not as usual: perturbed queries, cells, novelty, answers."""
+        """The model, with its perturbation, cells, novelty and answers if not the usual ones."""
         if self.number == BLACK_ERROR:
             return "a black image"
         parts = [f"`{self.model}`"]

@@ -106,20 +106,20 @@ def onnx_scores(network: Path) -> Scoring:
 def search(images: str, rows: str, queries: str, out: str, candidates: str) -> tuple[float, ...]:
     """The nearest of all rows, or of as many candidates by ring key, to each query."""
     heights = np.fromfile(images, "<f4").reshape(-1, given.RINGS, given.SECTORS)
-    known = heights[: int(rows)]
-    asked = heights[int(rows) :]
+    database = heights[: int(rows)]
+    query_heights = heights[int(rows) :]
     k = int(candidates)
-    spectra = Spectra.learned(known)
-    keys = ring_keys(known)
-    everything = np.arange(len(known))
+    spectra = Spectra.learned(database)
+    keys = ring_keys(database)
+    everything = np.arange(len(database))
 
     def find(i: int) -> tuple[int, float]:
         among = (
-            nearest(keys, ring_keys(asked[i, None]), k)[1][0]
+            nearest(keys, ring_keys(query_heights[i, None]), k)[1][0]
             if k
-            else spectra.likely(asked[i], everything, 1)
+            else spectra.likely(query_heights[i], everything, 1)
         )
-        distances, _ = spectra.compare(asked[i], among)
+        distances, _ = spectra.compare(query_heights[i], among)
         return among[distances.argmin()], distances.min()
 
     np.array([find(i) for i in range(int(queries))], "<f4").tofile(out)

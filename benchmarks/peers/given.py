@@ -1,4 +1,4 @@
-"""What all take: the same bytes for peers and for us."""
+"""The inputs of all races: the same bytes for peers and for us."""
 
 import os
 from pathlib import Path
@@ -22,7 +22,7 @@ SENSOR_M = 1.73  # above the vehicle's origin
 RINGS = 40
 SECTORS = 120
 MAPPED_SCANS = 6
-"""In a row: a map is not alone in a cold cache."""
+"""Scans that are inserted in a row, so that the map is not always in a cold cache."""
 IMAGES = 400
 PIXELS = 2_048
 HALF_SEQUENCE = 5
@@ -30,8 +30,10 @@ OFFSETS = runs(2 * HALF_SEQUENCE, 0.8, 1.2, 0.1)
 
 
 def clouds(path: Path) -> tuple[str, int]:
-    """Write float32 points (scan, point, 3), ground at z = 0, of KITTI where `YEARLOC_KITTI` names
-    its root; what they are."""
+    """Write float32 points (scan, point, 3), with the ground at z = 0; returns what they are.
+
+    They are KITTI's if `YEARLOC_KITTI` names its root, else simulated.
+    """
     name, posed_scans = _drive()
     scans = [points_m for points_m, _ in posed_scans]
     points = min(map(len, scans))
@@ -40,8 +42,10 @@ def clouds(path: Path) -> tuple[str, int]:
 
 
 def images(path: Path) -> tuple[int, int]:
-    """Write float32 Scan Contexts (row, ring, sector) that see all around, as KITTI's do; the
-    queries, last, are rows turned and changed."""
+    """Write float32 Scan Contexts (row, ring, sector) that see all around, as KITTI's do.
+
+    The last ones are the queries: rows that are turned and changed.
+    """
     rows = _scan_contexts(ROWS)
     rng = np.random.default_rng(1)
     chosen = rng.choice(ROWS, QUERIES, replace=False)
@@ -58,8 +62,10 @@ def images(path: Path) -> tuple[int, int]:
 
 
 def drive(path: Path, origins: Path) -> tuple[str, int]:
-    """Write float32 points (scan, point, 3) of a drive and where its sensor was (scan, 3), in the
-    world; what they are."""
+    """Write float32 points (scan, point, 3) of a drive and its sensor's positions (scan, 3).
+
+    Both are in the world's frame. Returns what they are.
+    """
     name, scans = _drive()
     scans = scans[:MAPPED_SCANS]
     points = min(len(cloud) for cloud, _ in scans)
@@ -71,7 +77,7 @@ def drive(path: Path, origins: Path) -> tuple[str, int]:
 
 
 def pictures(path: Path) -> int:
-    """Write the pixels (drive, image, pixel) of two drives as bytes; how many images each has.
+    """Write the pixels (drive, image, pixel) of two drives as bytes; returns the images of each.
 
     They are random, and nearly a third of the pixels are the same in both drives.
     """
@@ -107,7 +113,7 @@ def sci() -> tuple[Any, Model]:
 
 
 def _drive() -> tuple[str, list[tuple[NDArray[np.float32], NDArray[np.float64]]]]:
-    """What is driven, and SCANS scans (point, 3) about 0.9 m apart, each with its pose (4, 4)."""
+    """The drive's name, and SCANS scans (point, 3) about 0.9 m apart with their poses (4, 4)."""
     if "YEARLOC_KITTI" in os.environ:
         log = Kitti().open(Path(os.environ["YEARLOC_KITTI"]), "00")
         scans = [np.asarray(log.points(row), np.float32) for row in range(SCANS)]

@@ -37,11 +37,11 @@ class Day:
     """A day's scans."""
 
     def __init__(self, path: str) -> None:
-        given = np.load(path)
-        self.points = given["points"]
-        self.offsets = given["offsets"]
-        self.placed_T_scan = given["placed_T_scan"]
-        self.asked = given["asked"]
+        arrays = np.load(path)
+        self.points = arrays["points"]
+        self.offsets = arrays["offsets"]
+        self.placed_T_scan = arrays["placed_T_scan"]
+        self.asked = arrays["asked"]
 
     def integrate(self, local_map: Any, frame: int, row: int) -> float:
         """Insert scan `row` into a map in the frame of another scan; returns their distance (m)."""
@@ -82,9 +82,9 @@ def ask(number: int, local: Local) -> tuple[Any, ...]:
     milliseconds of CPU time."""
     *rows, points = local
     start = time.process_time()
-    found = closures.get_best_closure(number, points)
+    closure = closures.get_best_closure(number, points)
     took_ms = 1e3 * (time.process_time() - start)
-    return *rows, found.source_id, np.linalg.inv(found.pose), found.number_of_inliers, took_ms
+    return *rows, closure.source_id, np.linalg.inv(closure.pose), closure.number_of_inliers, took_ms
 
 
 def main(train: str, test: str, reach_m: float, out: str) -> None:
@@ -98,9 +98,9 @@ def main(train: str, test: str, reach_m: float, out: str) -> None:
     answers = dict[str, Any]()
     for kind, maps in (("own", day.own(reach_m)), ("asked", day.last(reach_m))):
         with get_context("fork").Pool(1, maxtasksperchild=1) as pool:
-            found = [pool.apply(ask, (len(frames) + FAR, local)) for local in maps]
+            closest = [pool.apply(ask, (len(frames) + FAR, local)) for local in maps]
         frame, first, stop, source, pose, inliers, took_ms = (
-            np.array(each) for each in zip(*found, strict=True)
+            np.array(column) for column in zip(*closest, strict=True)
         )
         answers |= {
             f"{kind}_frame": frame,

@@ -23,7 +23,7 @@ COMPARED = ("recall_at_1", "auc_exact_top1")
 LEVEL = 0.05
 """A difference is significant where its p, after Holm's correction, is below this."""
 AUC_SHARE_KEPT = "auc_exact_top1_kept"
-"""What the table of results calls the number of `kept_share`."""
+"""The name of the number of `kept_share` in the table of results."""
 
 
 class Difference(NamedTuple):

@@ -82,7 +82,7 @@ class Answers:
         return next(iter(self.evaluations))
 
     def reference_of(self, model: ModelName) -> ModelName:
-        """What a model is compared with: the first method, with poses if both have some."""
+        """The reference of a model: the study's first method, with poses if both have poses."""
         for answers in model.plainer:
             reference = replace(answers, method=self.reference, variant="")
             if reference in self.variants and reference != model:
@@ -108,7 +108,9 @@ def ageing_rows(answers: Answers, ageing: Ageing) -> TableRows:
         }
         if number.startswith("recall_at_1"):
             oracle = number.replace("recall_at_1", "oracle")
-            values[ORACLE] = [each.number(protocol, oracle) for each in reference.values()]
+            values[ORACLE] = [
+                evaluation.number(protocol, oracle) for evaluation in reference.values()
+            ]
         for method, values_of_method in values.items():
             rows = _line_rows(protocol, number, reference, values_of_method, ageing)
             # An evaluation has rows of its own numbers already.
@@ -176,7 +178,9 @@ def _comparison_rows(
     bootstrap: Bootstrap,
 ) -> TableRows:
     """Rows of one model against the reference by one protocol; both by sequence."""
-    places = [{"sequence": name, "days": each.days} for name, each in evaluations.items()]
+    places = [
+        {"sequence": name, "days": evaluation.days} for name, evaluation in evaluations.items()
+    ]
     comparisons = [
         compare(evaluation, reference[sequence], protocol, bootstrap)
         for sequence, evaluation in evaluations.items()

@@ -28,7 +28,7 @@ REPETITION = ["seed", "sequence", "repeat"]
 
 @dataclass(frozen=True)
 class Kind:
-    """What was done to the queries; its repeats are taken together."""
+    """A kind of queries: what was done to them. Its repeats are taken together."""
 
     change: str = ""  # a perturbation, such as `turned`; empty for unperturbed queries
     level: float = 0.0  # degrees removed, or the number of new walls

@@ -276,9 +276,9 @@ def newer(rows: pd.DataFrame) -> Finding:
 
 
 def confounders(study: StudyResults) -> Finding:
-    """What changes with the sequences besides their age.
+    """The differences between the sequences besides their age.
 
-    That is the share of unseen queries, and the share of seen ones that drive another way than
+    They are the share of unseen queries, and the share of seen queries with another heading than
     training.
     """
     results = by_model(study.results)[study.families[0]]
@@ -369,7 +369,7 @@ def changes_counted(rows: pd.DataFrame, kinds: Sequence[str], within_m: float) -
 
 
 def trend(values: Mapping[str, Sequence[Any]], title: str, sizes_m: Sequence[float]) -> Finding:
-    """Which models' numbers rise, and which fall, from the smallest cells to the largest.
+    """The models whose numbers rise, and those whose fall, from the smallest cells to the largest.
 
     `values` maps a model to its values (sequence,) at each size. A number rises if it does so on
     every sequence.
@@ -454,7 +454,7 @@ def nearly_always(comparison: Comparison, kind: Kind) -> Finding:
 
 
 def heading_errors(comparison: Comparison, kind: Kind) -> Finding:
-    """How large the heading errors are, for the models that give headings."""
+    """The heading errors of the models that give headings."""
     listed = _means(comparison, kind, HEADING_ERROR, is_ranked=False)
     return Finding("heading_errors", kind=kind, listed=listed)
 

@@ -46,7 +46,7 @@ POSES_IN_DOCUMENT = (
 
 
 class Block(NamedTuple):
-    """What a mark such as `<!-- results: campus minutes brief -->` asks for."""
+    """The block that a mark such as `<!-- results: campus minutes brief -->` names."""
 
     study: str
     budget: str  # how it was trained: a file of conf/budget

@@ -394,7 +394,7 @@ def headings(study: StudyResults) -> Table | None:
 
 
 def novelties(study: StudyResults, protocol: str) -> Table:
-    """How each kind of novelty rejects by one protocol: means, and the sequence of worst AUROC."""
+    """Measures of each kind of novelty by one protocol: means, and the sequence of worst AUROC."""
     rows = []
     novelty_rows = pick(study.rows, ask=NOVELTY, protocol=protocol, seed=0)
     for model, group in by_model(study.results).items():

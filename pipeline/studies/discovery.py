@@ -41,7 +41,7 @@ class Drives:
     budget: str
     """The training budget unless the person names another: a file of conf/budget."""
     notes: list[str]
-    """What a person should know about the sequences, such as which cannot be read."""
+    """Notes for the person on the sequences, such as which cannot be read."""
 
 
 def simulated_drives(
@@ -85,7 +85,7 @@ class LogFolder:
     readable: list[str]
     """The sequences that can be read."""
     notes: list[str]
-    """What a person should know about the sequences."""
+    """Notes for the person on the sequences."""
 
     @classmethod
     def searched(cls, root: Path, name: str, reader: Mapping[str, Any], expected: str) -> Self:
@@ -267,7 +267,7 @@ def _test_sequences(
 
 
 def _advice_on_tests(logs: LogFolder, options: Mapping[str, str], train: Sequence[str]) -> str:
-    """What to do if no test sequence can be read."""
+    """Advice if no test sequence can be read."""
     choices = [sequence for sequence in logs.readable if sequence not in train]
     if choices:
         return f"give tests=, some of {', '.join(choices)}"

@@ -16,7 +16,7 @@ class ModelName:
     variant: str = ""
     """A method with some settings changed; empty for the method itself."""
     seed: int = 0
-    """The number of the model among those that differ in what training draws at random."""
+    """The seed of training: models with other seeds differ only in random draws."""
     posed: bool = False
     """Whether its answers were registered to poses; they count as a variant of their own."""
     path: str = ""

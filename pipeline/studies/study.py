@@ -114,7 +114,7 @@ class StudyMethod:
     stage: Stage = VIEWS
     """The stage that draws its view."""
     seeds: Count = 1
-    """How many models are trained that differ in what training draws at random."""
+    """The number of models that are trained with different random draws."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """The settings of its yaml to which this study gives another value."""
     variants: Mapping[str, str] = field(default_factory=dict)
@@ -191,7 +191,7 @@ class Study:
     tests: tuple[str, ...]
     """The test sequences."""
     budget: str
-    """How long methods train: a file of conf/budget."""
+    """The training budget: a file of conf/budget."""
     submap: str
     """How a drive is cut into submaps: a file of conf/submap."""
     grids: tuple[CellSize, ...]

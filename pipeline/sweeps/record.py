@@ -47,7 +47,7 @@ class Record:
     built: Mapping[str, int] = field(default_factory=dict)
     """How many artifacts of each stage this job built."""
     wall_s: float = 0.0
-    """How long the job took."""
+    """Wall time of the job."""
     cpu_s: float = 0.0
     """CPU time of the job's own process."""
 

@@ -201,7 +201,7 @@ def bounds_m(*xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def height_per_width(box: NDArray[np.float64]) -> float:
-    """How many times as high as wide a box of `bounds_m` is."""
+    """The height of a box of `bounds_m` divided by its width."""
     width_m, height_m = box[1] - box[0]
     return float(height_m / width_m)
 

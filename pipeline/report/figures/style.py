@@ -78,7 +78,7 @@ LONGEST_NAME = 12  # letters of a model's name that fit beside a panel
 
 
 class Link(NamedTuple):
-    """What a click on an artist of the page opens."""
+    """The result that a click on an artist of the page opens."""
 
     model: str
     sequence: str

@@ -37,8 +37,8 @@ def section(study: StudyResults, folder: Path) -> Section:
     strategies = read_strategies(study.rows)
     orders = grouped(strategies, "order")
     draw = partial(illustrate, study, folder)
-    known = lifelong.known_places(_first_known(study, orders), study.train_xy_m)
-    illustrations = [draw("lifelong_known", known)]
+    known_places = lifelong.known_places(_first_known(study, orders), study.train_xy_m)
+    illustrations = [draw("lifelong_known", known_places)]
     if ages := _ages(study, strategies):
         illustrations.append(draw("lifelong_ages", lifelong.ages(ages, study.train_xy_m)))
     for model, group in grouped(strategies, "model").items():
@@ -106,7 +106,7 @@ def _first_known(
 ) -> dict[str, lifelong.FirstKnown]:
     """For each order: where queries were taken, and the step from which their place is known.
 
-    Orders that bring no new places are left out, unless none does.
+    Orders that add no new places are left out, unless no order adds any.
     """
     first_known = {}
     for order, (strategy, *_) in orders.items():
@@ -121,9 +121,9 @@ def _first_known(
 def _ages(
     study: StudyResults, strategies: Sequence[Strategy]
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.int64]]]:
-    """For each order: where the places lie (n, 2), and how old the newest view of each is (n,).
+    """For each order: the positions of places (n, 2), and the ages of their newest views (n,).
 
-    Ages are in days, at the end, and of the first model that learned further days. Orders after
+    Ages are in days after the last step, of the first model that learned further days. Orders after
     which all views are of one day are left out.
     """
     ages = {}

@@ -99,8 +99,8 @@ def sections(study: StudyResults, folder: Path, view: Callable[[str], Any]) -> I
         "further",
         values,
         findings=[
-            *(found for by in DISTANCE_FIRST for found in findings.paired(study.rows, by)),
-            *(found for by in DISTANCE_FIRST for found in findings.novelties(study, by)),
+            *(finding for by in DISTANCE_FIRST for finding in findings.paired(study.rows, by)),
+            *(finding for by in DISTANCE_FIRST for finding in findings.novelties(study, by)),
         ],
         tables=[
             tables.means(study),
@@ -232,8 +232,8 @@ def _ageing(study: StudyResults, folder: Path, sources: list[str]) -> Section:
         for protocol, number in AGEING
     ]
     first, second, third = (
-        findings.ageing(rows, each.title, each.protocol, each.number, last_day)
-        for each in followed[:3]
+        findings.ageing(rows, line.title, line.protocol, line.number, last_day)
+        for line in followed[:3]
     )
     drawn = followed[:DRAWN]
     counted = findings.slopes_counted(rows, AGEING[:DRAWN])
@@ -253,7 +253,7 @@ def _ageing(study: StudyResults, folder: Path, sources: list[str]) -> Section:
             ),
             draw("ageing_slopes", ageing.slopes(rows, drawn), counted),
         ],
-        tables=[tables.ageing(rows, each.protocol, each.number, each.title) for each in followed],
+        tables=[tables.ageing(rows, line.protocol, line.number, line.title) for line in followed],
         sources=sources,
     )
 

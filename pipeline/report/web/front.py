@@ -27,7 +27,7 @@ COUNTED = ("accepted", "accepted_wrong", "refused", "refused_wrong", "no_pose_99
 
 
 def front(study: StudyResults) -> dict[str, Any]:
-    """What the first screen of one study at one cell size shows.
+    """The values on the first screen of one study at one cell size.
 
     Models that had too little training to be compared are folded away, with the share that they
     had. The best model's own method stays: with more training it would be no worse.
