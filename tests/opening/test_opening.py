@@ -7,6 +7,8 @@ import pytest
 
 from pipeline.core.errors import LogError
 from pipeline.formats import pcd
+from pipeline.formats.bag import BagWriter
+from pipeline.opening.bag_contents import Contents, pose_sources
 from pipeline.opening.opening import unposed
 from tests.readers.bags import KINDS, START_NS, STEP_NS, bag_path, drive
 
@@ -21,6 +23,18 @@ def test_a_bag_is_opened_with_its_odometry_as_odometry(kind: str, tmp_path: Path
     np.testing.assert_allclose(log.odom_T_scan[:, 0, 3], [100.5, 101.5, 102.5, 103.5], atol=1e-6)
     # (1, 2, 3) of the LiDAR, .5 m ahead, 1.5 m up, turned to the left: (.5 − 2, 1, 4.5)
     np.testing.assert_allclose(log.points(0)[1], [-1.5, 1.0, 4.5], atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["/truth", "/groundtruth", "/gt_pose", "/rtk"])
+def test_a_topic_named_after_the_truth_is_the_ground_truth(name: str, tmp_path: Path) -> None:
+    """All poses are in one frame of no known name, so that only the topic's name decides."""
+    path = bag_path(tmp_path, "ros1")
+    with BagWriter(path, "ros1") as bag:
+        for topic in ("/a_pose", name, "/pose"):
+            bag.odometry(START_NS, "site", "base_link", np.eye(4), topic)
+    ground_truth, _ = pose_sources(Contents.read([path]))
+    assert ground_truth is not None
+    assert ground_truth.name == name
 
 
 def test_clouds_alone_are_opened_in_the_order_of_their_numbers(tmp_path: Path) -> None:
