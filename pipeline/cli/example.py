@@ -11,9 +11,9 @@ from pipeline.cli.kernels import tell_cold
 if TYPE_CHECKING:  # at run time these would slow the start of every command
     from pipeline.core.frames import Poses
     from pipeline.online.example import ExampleScan
-    from pipeline.online.site import Fix, Word
+    from pipeline.online.site import Fix, VerdictName
 
-MEANING: dict["Word", str] = {
+MEANINGS: dict["VerdictName", str] = {
     "accepted": "right at the target precision of {target_precision:g}",
     "near": "the pose may be wrong, but is at most 15 m off at the target precision",
     "ambiguous": "this pose or a runner-up is right at the target precision",
@@ -51,7 +51,7 @@ def lines(scan: "ExampleScan", fix: "Fix") -> list[str]:
     rows = [
         (
             "verdict",
-            f"{fix.verdict}: {MEANING[fix.verdict].format(target_precision=TARGET_PRECISION)}",
+            f"{fix.verdict}: {MEANINGS[fix.verdict].format(target_precision=TARGET_PRECISION)}",
         )
     ]
     if fix.verdict != "no pose":

@@ -21,7 +21,7 @@ from pipeline.level.verdict import OF_SWEEPS
 from pipeline.mapping.appearance import is_level
 from pipeline.matching.ranking import Ranking
 from pipeline.online.motion import Step
-from pipeline.online.site import NO_PLACE, WORDS, Fix, Site
+from pipeline.online.site import CLAIM_VERDICTS, NO_PLACE, Fix, Site
 from pipeline.online.site_file import LevelParts
 from pipeline.online.site_json import LevelDescription
 from pipeline.posing.verdict import AnyFix, Judge
@@ -111,7 +111,7 @@ class LevelSite(Site):
         """
         ordered = registered.ordered(self.claim_judge.pose)
         fix = self.judge(ordered, target_precision)
-        if fix.verdict not in WORDS or (is_tracked and not query.is_contradicted):
+        if fix.verdict not in CLAIM_VERDICTS or (is_tracked and not query.is_contradicted):
             return fix
         if not self.level_fixer.is_misread(self.field, query, ordered):
             return fix

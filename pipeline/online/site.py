@@ -41,7 +41,7 @@ ROOTS = ("pipeline.methods.", "pipeline.views.", "pipeline.posing.")
 LEVEL_SITE = ("pipeline.online.level_site", "LevelSite")
 """The module and class of a level site. It is a Site, so its module imports this one; it is
 imported here only when it is needed."""
-LOOKS = ("colormap", "h_min_m", "h_max_m")
+HEIGHT_SETTINGS = ("colormap", "h_min_m", "h_max_m")
 """Settings of a method that map heights to the input of its network."""
 NO_PLACE = -1
 """The place of a pose outside of all places."""
@@ -53,7 +53,7 @@ SWEEP_POINTS = 50
 """With fewer points, a level sweep cannot be told from a 3-D scan; they give no pose anyway."""
 WALLS_M = (0.3, np.inf)
 """The heights of walls; points below are ground, which would hide the walls."""
-Word = Literal["accepted", "near", "ambiguous", "rejected", "no pose"]
+VerdictName = Literal["accepted", "near", "ambiguous", "rejected", "no pose"]
 """The verdict on a fix, at the caller's target precision.
 
 - accepted: the pose is right, within 2 m and 5° (in a level site 1 m and 10°).
@@ -62,7 +62,7 @@ Word = Literal["accepted", "near", "ambiguous", "rejected", "no pose"]
 - rejected: none of these is accepted.
 - no pose: there are too few points, or nothing fits.
 """
-WORDS: tuple[Word, ...] = ("accepted", "near", "ambiguous")
+CLAIM_VERDICTS: tuple[VerdictName, ...] = ("accepted", "near", "ambiguous")
 """The verdict if a claim of CLAIMS (posing/verdict.py) is accepted: the pose is right, the place is
 right, or the pose or a runner-up is right. A claim is accepted if its error probability, one minus
 its probability, is below a threshold."""
@@ -85,7 +85,7 @@ class RunnerUp:
 class Fix:
     """Where a scan was taken, and whether to accept it."""
 
-    verdict: Word
+    verdict: VerdictName
     place: int
     """The grid cell of the pose; −1 outside of all cells that training visited."""
     world_T_sensor: NDArray[np.float64]
@@ -132,8 +132,10 @@ class Site:
         if network is not None:
             self.localizer: Localizer = localizer(exported(network, threads), model)
         elif threads == 1 and Plain.is_in(model):
-            looks = {key: description.method[key] for key in LOOKS if key in description.method}
-            self.localizer = localizer(Plain.of(model, **looks), model)
+            height_settings = {
+                key: description.method[key] for key in HEIGHT_SETTINGS if key in description.method
+            }
+            self.localizer = localizer(Plain.of(model, **height_settings), model)
         else:
             method = build({**description.method, "threads": threads}, ROOTS)
             self.localizer = method.localizer(model)
@@ -283,7 +285,7 @@ class Site:
         error_probabilities = (
             self.claim_judge.error_probabilities(registered).astype(np.float32).astype(np.float64)
         )
-        pose_error_probability, place_error_probability, _ = error_probabilities.tolist()
+        pose_error, place_error, _ = error_probabilities.tolist()
         verdict, accepted_at = self.verdict_of(error_probabilities, target_precision)
         runners_up = []
         for number in registered.elsewhere[:RUNNERS_UP]:
@@ -302,8 +304,8 @@ class Site:
             world_T_sensor=registered.pose,
             covariance=registered.covariance,
             overlap=registered.overlap,
-            novelty=pose_error_probability,
-            place_novelty=place_error_probability,
+            novelty=pose_error,
+            place_novelty=place_error,
             accepted_at=accepted_at,
             runners_up=tuple(runners_up),
             ms=0.0,
@@ -311,20 +313,20 @@ class Site:
 
     def verdict_of(
         self, error_probabilities: NDArray[np.float64], target_precision: float | None
-    ) -> tuple[Word, float | None]:
+    ) -> tuple[VerdictName, float | None]:
         """The verdict on a fix with a pose, from the error probabilities (claim,) of its claims.
 
-        Returns the first of WORDS whose claim is accepted at the target precision, and the highest
-        target precision at which the pose is accepted, or None.
+        Returns the first of CLAIM_VERDICTS whose claim is accepted at the target precision, and the
+        highest target precision at which the pose is accepted, or None.
         """
         thresholds = (
             NO_THRESHOLDS
             if target_precision is None
             else self.target_precisions.get(target_precision, NO_THRESHOLDS)
         )
-        verdict: Word = "rejected"
+        verdict: VerdictName = "rejected"
         for word, error_probability, threshold in zip(
-            WORDS, error_probabilities, thresholds, strict=True
+            CLAIM_VERDICTS, error_probabilities, thresholds, strict=True
         ):
             if error_probability < threshold:
                 verdict = word

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from pipeline.online import odometry
 from pipeline.online.inputs import Scan
-from pipeline.online.site import Fix, Site, Word
+from pipeline.online.site import Fix, Site, VerdictName
 from pipeline.paths.belief import LEAST_PROBABILITY, Belief
 from pipeline.posing.verdict import AnyFix
 
@@ -161,7 +161,9 @@ class Tracker:
         probability = self.belief.see(fix.world_T_sensor, probability_by_scan, is_tracked)
         by_path = is_tracked and self.belief.views > self._start_views
         met_precisions = self.site.precisions_along_path(fix, probability, by_path)
-        verdict: Word = "accepted" if self._target_precision in met_precisions else "rejected"
+        verdict: VerdictName = (
+            "accepted" if self._target_precision in met_precisions else "rejected"
+        )
         if verdict == "rejected" and not is_tracked and fix.verdict in ("near", "ambiguous"):
             # both need rival poses, which only a search of the whole map finds
             verdict = fix.verdict

@@ -25,7 +25,7 @@ from pipeline.posing.targets import write_map
 from pipeline.posing.validation import ValidationBlocks
 from pipeline.running.texts import read_yaml
 from pipeline.studies.layout import Layout
-from pipeline.views.draw import UNCHANGED
+from pipeline.views.draw import UNPERTURBED
 from pipeline.views.scan_context import ScanContext
 from stages.poses import scans_basis
 from tests.artifacts import write_views
@@ -58,7 +58,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     labels = label(poses, poses, GRID, 0)
     store.write(made / "labels/three/10m/monday.zarr", labels)
     path = made / "views/three/scan_context/monday.zarr"
-    write_views(path, schemas.ScanContextViews, images, poses, cases=UNCHANGED)
+    write_views(path, schemas.ScanContextViews, images, poses, cases=UNPERTURBED)
     model = ScanContext50().learn(Rows(images, np.arange(24), poses), labels.places, Progress())
     recipe = {"_target_": target_of(ScanContext50()), "view": "scan_context", "candidates": 50}
     store.write_model(made / "train/three/10m/scan_context.zarr.zip", model, recipe)
