@@ -1,5 +1,4 @@
-"""Tests of the counts of the four outcomes: true positive, false negative, false positive, true
-negative (METHODS.md 2.7)."""
+"""Tests of the counts of true and false positives and negatives (METHODS.md 2.7)."""
 
 import numpy as np
 import pytest

@@ -124,8 +124,8 @@ def test_two_hundred_thresholds_come_near_the_exact_curve_and_few_do_not() -> No
 def test_an_unseen_query_more_novel_than_seen_ones_by_hand() -> None:
     # Unseen .4 is above three of the four seen (.1 .2 .3 .6), unseen .7 above all: 7 of 8 pairs.
     assert auroc(ExactCounts(TOY, NOVELTY, np.ones((1, 6))).count(1)).tolist() == [7 / 8]
-    # All similar: every pair is a tie, counting half. Without unseen queries there is nothing to
-    # tell apart.
+    # All novelties are equal: every pair is a tie, counting half. Without unseen queries there are
+    # no pairs.
     assert auroc(ExactCounts(TOY, np.zeros(6), np.ones((1, 6))).count(1)).tolist() == [0.5]
     assert np.isnan(
         auroc(

@@ -368,15 +368,15 @@ def test_a_query_at_the_threshold_is_rejected() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "reported"),
+    ("given", "message"),
     [
         ({"labels": replace(LABELS, oracle=np.zeros(4, np.int64))}, "one row a query"),
         ({"ranking": replace(RANKING, places=RANKING.places[:, :0])}, "at least one place"),
         ({"reject_from": (0.5,)}, "2 columns of novelty, 2 kinds and 1 thresholds"),
     ],
 )
-def test_what_does_not_fit_together_is_refused(given: dict[str, Any], reported: str) -> None:
-    with pytest.raises(InputError, match=reported):
+def test_what_does_not_fit_together_is_refused(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         drive(**given)
 
 

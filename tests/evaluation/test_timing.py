@@ -83,7 +83,7 @@ def drive(
 
 
 class Clock:
-    """A clock that goes only when it is reported to, for wall time and CPU time."""
+    """A clock for wall time and CPU time that advances only on call."""
 
     def __init__(self) -> None:
         self.wall_s = 0.0

@@ -99,8 +99,7 @@ def ranking(xy_m: np.ndarray, novelty: np.ndarray, row: np.ndarray | None = None
 
 
 class Scripted(Fake):
-    """Answers as it is reported: the heading in degrees, by which it knows a query's turn, to
-    positions and novelties."""
+    """Answers by a function of the heading in degrees, which gives positions and novelties."""
 
     def __init__(
         self, answers: Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]], length: int = 4
@@ -193,8 +192,8 @@ def test_a_method_that_knows_one_heading_alone_is_right_there_alone() -> None:
     assert numbers["22.5_deg"] == {"roc_auc": None, "pr_auc": 1.0, "accuracy": 1.0, "recall": 1.0}
     # Precision falls from 1 (nothing accepted) to 0 with the wrong half at recall 0, then rises to
     # 1/2 at recall 1: area 1/4.
-    for heading, reported in list(numbers.items())[1:8]:
-        assert reported == {
+    for heading, numbers_of_heading in list(numbers.items())[1:8]:
+        assert numbers_of_heading == {
             "roc_auc": 0.0,
             "pr_auc": pytest.approx(0.25),
             "accuracy": 0.5,
@@ -260,9 +259,9 @@ def test_recall_is_of_all_valid_queries_at_the_last_threshold_that_is_precise() 
     # As the score falls: 100 correct, a wrong (100/101 = .9901), a correct, a wrong (101/103 <
     # .99), 7 correct (108/110 = .982).
     correct = np.array([True] * 100 + [False, True, False] + [True] * 7)
-    reported = judged(correct[None], -np.arange(110.0)[None]).by_heading()["mean"]
-    assert reported["recall"] == pytest.approx(101 / 110)  # and not 101 of the 108 correct
-    assert reported["accuracy"] == pytest.approx(108 / 110)
+    means = judged(correct[None], -np.arange(110.0)[None]).by_heading()["mean"]
+    assert means["recall"] == pytest.approx(101 / 110)  # and not 101 of the 108 correct
+    assert means["accuracy"] == pytest.approx(108 / 110)
     nothing = judged(np.zeros((1, 5), bool), np.arange(5.0)[None]).by_heading()["mean"]
     assert nothing == {"roc_auc": None, "pr_auc": None, "accuracy": 0.0, "recall": 0.0}
 
