@@ -89,8 +89,8 @@ def _summary(model: str, group: Sequence[Result]) -> dict[str, Any]:
             measure: mean(group, "distance", f"{measure}_at_threshold")
             for measure in ("precision", "recall")
         },
-        "wanted": group[0].target_precision,
-        "kept": group[0].kept,
+        "target_precision": group[0].target_precision,
+        "validation_precision": group[0].validation_precision,
     }
 
 
@@ -116,7 +116,7 @@ def caveats(study: StudyResults) -> list[Finding]:
                     model=model,
                     protocol=protocol,
                     listed=listed,
-                    wanted=group[0].target_precision,
+                    target_precision=group[0].target_precision,
                     tests=len(group),
                     blind=blind,
                 )
@@ -206,33 +206,33 @@ def novelties(study: StudyResults, protocol: str) -> list[Finding]:
                 ahead=int((auroc[:, best] > auroc[:, 0]).sum()),
                 clearly=int((low[:, best] > high[:, 0]).sum()),
                 tests=len(rejection),
-                kept=_kept_best(group) if protocol == "cells" else {},
+                nearest=_nearest_to_target(group) if protocol == "cells" else {},
             )
         )
     return findings
 
 
-def _kept_best(group: Sequence[Result]) -> dict[str, Any]:
+def _nearest_to_target(group: Sequence[Result]) -> dict[str, Any]:
     """The kind of novelty whose threshold came nearest to the target precision, by cells.
 
     Kinds are left out whose threshold was chosen for less, since no threshold reached the target
     precision on validation blocks. Empty if no kind remains.
     """
-    wanted = group[0].target_precision
+    target = group[0].target_precision
     # (sequence, kind) each
     rejection = np.stack([result.evaluation.cells.rejection for result in group])
     precision = rejection[:, :, MEASURES.index("precision_at_threshold"), 0]
     recall = rejection[:, :, MEASURES.index("recall_at_threshold"), 0]
-    fell_short = np.array(group[0].evaluation.validation_precision) < wanted
+    fell_short = np.array(group[0].evaluation.validation_precision) < target
     is_chosen = np.isfinite(precision).all(axis=0) & ~fell_short
     if not is_chosen.any():
         return {}
-    miss = np.where(is_chosen, np.abs(precision - wanted).mean(axis=0), np.inf)
+    miss = np.where(is_chosen, np.abs(precision - target).mean(axis=0), np.inf)
     best = int(miss.argmin())
     return {
         "kind": group[0].evaluation.kinds[best],
         "miss": miss[best],
-        "wanted": wanted,
+        "target_precision": target,
         "lowest": precision[:, best].min(),
         "recall": recall[:, best].mean(),
     }

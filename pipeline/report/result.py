@@ -58,7 +58,7 @@ class Scores:
         return re.sub(r"[^0-9A-Za-z]+", "-", f"{self.model}-{self.sequence}")
 
     @property
-    def kept(self) -> float:
+    def validation_precision(self) -> float:
         """The validation precision of the threshold in use.
 
         NaN if it is unknown, or the threshold accepts nothing.

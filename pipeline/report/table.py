@@ -119,9 +119,9 @@ def number(
     )
 
 
-def validation_precision(precision: float, wanted: float) -> Cell:
+def validation_precision(precision: float, target: float) -> Cell:
     """A cell with the validation precision; `0.731 of 0.9` if it misses the target precision."""
-    return replace(number(precision, 3), small=f"of {wanted:g}" if precision < wanted else "")
+    return replace(number(precision, 3), small=f"of {target:g}" if precision < target else "")
 
 
 def count(value: float) -> Cell:

@@ -228,7 +228,11 @@ def scorecard(scores: Sequence[Scores]) -> Table:
     for recall_cells, group in zip(recall.rows, by_model(scores).values(), strict=True):
         last = group[-1]
         answered = [_plain("distance")(last, column) for column in ANSWERED]
-        row = [*recall_cells, *answered, validation_precision(last.kept, last.target_precision)]
+        row = [
+            *recall_cells,
+            *answered,
+            validation_precision(last.validation_precision, last.target_precision),
+        ]
         rows.append([*row, number(last.number("", "query_ms"), 1)] if is_timed else row)
     header = [*recall.header, *(column.heading for column in ANSWERED), "keeps"]
     header += ["ms a query"] * is_timed

@@ -168,7 +168,7 @@ def test_novelties_say_which_kind_tells_unseen_from_seen_best(
         ("entropy", pytest.approx(0.9)),
     ]
     assert finding.values["ahead"] == 2
-    assert finding.values["kept"]["kind"] == "energy"
+    assert finding.values["nearest"]["kind"] == "energy"
     assert sentence(finding) == snapshot(name="a kind that is not in use")
 
 

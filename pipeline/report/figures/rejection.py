@@ -113,7 +113,7 @@ def rejection(group: Sequence[Result]) -> Figure:
     not have reached there.
     """
     kinds = group[0].evaluation.kinds[: len(KINDS)]
-    wanted = group[0].target_precision
+    target = group[0].target_precision
     fig = figure(WIDTH_IN, 4.2, f"{group[0].model}: precision and recall at the chosen thresholds")
     axes = fig.subplots(2, len(PROTOCOLS), sharex=True, sharey="row")
     # (protocol, sequence, kind, measure, 3): value, low, high
@@ -135,7 +135,7 @@ def rejection(group: Sequence[Result]) -> Figure:
         row[0].set(ylabel=name, ylim=share_limits(np.fmax(values[..., 1], lowest - LONG_BAR)))
     for (upper, lower), protocol in zip(axes.T, PROTOCOLS, strict=True):
         upper.set_title(f"by {protocol}", pad=6)
-        upper.axhline(wanted, **MARK)
+        upper.axhline(target, **MARK)
         lower.set_xticks(range(len(group)), [day(result.sequence) for result in group], **SLANTED)
     fig.align_ylabels(axes[:, 0])
     entries = []
@@ -144,10 +144,10 @@ def rejection(group: Sequence[Result]) -> Figure:
         if i == 0 and len(kinds) > 1:
             label += " (in use)"
         validation_precision = group[0].evaluation.validation_precision[i]
-        if validation_precision < wanted:
+        if validation_precision < target:
             label += f", keeps {validation_precision:.3f}"
         entries.append(dot(label, tint, marker))
-    below(fig, [*entries, Line2D([], [], label=f"target precision {wanted:g}", **MARK)], 5)
+    below(fig, [*entries, Line2D([], [], label=f"target precision {target:g}", **MARK)], 5)
     return fig
 
 
