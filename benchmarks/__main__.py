@@ -1,5 +1,4 @@
-"""Run every race and print it; with `--peers DIR` those against peers' own programs
-(benchmarks/PEERS.md)."""
+"""Run all races and print them; with `--peers DIR` those against peers' own programs."""
 
 import argparse
 from pathlib import Path
@@ -8,7 +7,10 @@ from benchmarks import peers, pointcloud2, reading, waiting
 
 parser = argparse.ArgumentParser("python -m benchmarks", description=__doc__)
 parser.add_argument(
-    "--peers", type=Path, metavar="DIR", help="a folder of programs built by benchmarks/PEERS.md"
+    "--peers",
+    type=Path,
+    metavar="DIR",
+    help="Race the peers' programs in this folder instead (benchmarks/PEERS.md)",
 )
 if (folder := parser.parse_args().peers) is not None:
     for line in peers.run(folder):

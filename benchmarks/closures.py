@@ -137,8 +137,10 @@ class Day:
         )
 
     def asked(self, one: One, prepares: bool) -> Answers:
-        """The answers of a peer; a peer that `prepares` the map's clouds at their first use is
-        called twice for each query."""
+        """The answers of a peer.
+
+        A peer that `prepares` the map's clouds at their first use is called twice for each query.
+        """
         found = []
         accepted = []
         took_ms = []
@@ -213,8 +215,10 @@ def of_scan_context(day: Day) -> Guesses:
 
 
 def registered(day: Day, kind: str, guesses: Guesses, decides: bool) -> Answers:
-    """The guess with the most inliers, registered by small_gicp. If it `decides`, it accepts where
-    the registration converged."""
+    """The guess with the most inliers, registered by small_gicp.
+
+    If it `decides`, it accepts where the registration converged.
+    """
     prepared = lru_cache(128)(
         lambda row: small_gicp.preprocess_points(day.targets.points_m(row), VOXEL_M, 10)
     )
@@ -356,8 +360,12 @@ def table(day: Day, programs: Path) -> Iterator[str]:
 def main(
     artifacts: str, model: str, sequence: str, every: str = "3", programs: str = "peers"
 ) -> None:
-    """Print the table: of the seen the share within 2 m and 5° and that which is accepted too; of
-    all the accepted, and the wrong among them, in space and from above; medians of times."""
+    """Print the table.
+
+    Of the seen queries it has the share within 2 m and 5°, and the share that is accepted too; of
+    all queries how many are accepted, and how many of these are wrong, in space and from above; and
+    medians of times.
+    """
     print(f"{model} {sequence}")
     for line in table(Day(Path(artifacts), model, sequence, int(every)), Path(programs)):
         print(line, flush=True)

@@ -348,20 +348,20 @@ def _served(project: Path) -> Iterator[None]:
 
 
 CAMPAIGNS = {
-    "kills": (stage_stops, "stages that are stopped"),
-    "chains": (chain_stops, "runs of dvc repro that are stopped"),
-    "full": (full_disks, "stages that find the disk full"),
-    "commands": (command_stops, "commands that are stopped: publish, pack, a sweep, fetch"),
+    "kills": (stage_stops, "Number of stages to stop [0]"),
+    "chains": (chain_stops, "Number of runs of dvc repro to stop [0]"),
+    "full": (full_disks, "Number of stages to run on a full disk [0]"),
+    "commands": (command_stops, "Number of commands to stop: publish, pack, a sweep, fetch [0]"),
 }
 
 
 def main() -> None:
-    """Run all, resume, and print the table."""
+    """Run the cases that are not done yet, and print the table."""
     parser = argparse.ArgumentParser("python -m benchmarks.faults", description=__doc__)
-    parser.add_argument("project", type=Path)
+    parser.add_argument("project", type=Path, help="A clone in which `yearloc repro` has ended")
     for kind, (_, help_text) in CAMPAIGNS.items():
         parser.add_argument(f"--{kind}", type=int, default=0, help=help_text)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=0, help="Seed of the random moments [0]")
     options = parser.parse_args()
     with Path("faults.jsonl").open("a+", encoding="utf-8") as file:
         file.seek(0)

@@ -185,7 +185,13 @@ def table(measured: Mapping[int, Mapping[str, float]]) -> str:
 def main(words: Sequence[str] | None = None) -> None:
     """Measure each size and print the table as it grows."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--sizes", nargs="+", type=int, default=[10, 30, 100])
+    parser.add_argument(
+        "--sizes",
+        nargs="+",
+        type=int,
+        default=[10, 30, 100],
+        help="Numbers of drives, a study for each [10 30 100]",
+    )
     measured = {}
     for size in parser.parse_args(words).sizes:
         with TemporaryDirectory() as folder:

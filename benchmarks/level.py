@@ -347,12 +347,29 @@ def kidnapped(folder: Path, name: str, out: Path) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser("python -m benchmarks.level", description=__doc__)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--logs", default=",".join(LOGS))
-    parser.add_argument("--shares", default=",".join(map(str, SHARES)))
-    parser.add_argument("--queries", type=int, default=50)
-    parser.add_argument("--usual", action="store_true")
-    parser.add_argument("--kidnapped", type=Path, metavar="FILE.gif")
+    parser.add_argument("folder", type=Path, help="The folder of the logs, CARMEN above")
+    parser.add_argument(
+        "--logs", default=",".join(LOGS), help="Logs, separated by commas [%(default)s]"
+    )
+    parser.add_argument(
+        "--shares",
+        default=",".join(map(str, SHARES)),
+        help="Shares of a log that are mapped, separated by commas [%(default)s]",
+    )
+    parser.add_argument(
+        "--queries", type=int, default=50, help="Sweeps that are localised in each map [50]"
+    )
+    parser.add_argument(
+        "--usual",
+        action="store_true",
+        help="Learn the usual probabilities and thresholds again instead, and print them",
+    )
+    parser.add_argument(
+        "--kidnapped",
+        type=Path,
+        metavar="FILE.gif",
+        help="Draw a robot that is carried away in the first log instead, into this file",
+    )
     options = parser.parse_args()
     logs = options.logs.split(",")
     if options.usual:

@@ -189,9 +189,13 @@ def counted(
 
 def main() -> None:
     parser = argparse.ArgumentParser("python -m benchmarks.mutated_sweeps", description=__doc__)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--count", type=int, default=2000)
-    parser.add_argument("--logs", default=",".join(BUILDINGS))
+    parser.add_argument("folder", type=Path, help="The folder of the logs, CARMEN above")
+    parser.add_argument(
+        "--count", type=int, default=2000, help="Sweeps of all mutated kinds together [2000]"
+    )
+    parser.add_argument(
+        "--logs", default=",".join(BUILDINGS), help="Logs, separated by commas [%(default)s]"
+    )
     options = parser.parse_args()
     logs = [read(options.folder, name) for name in options.logs.split(",")]
     buildings = [building(log) for log in logs]

@@ -230,12 +230,14 @@ def opened(path: Path) -> Log:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser("python -m benchmarks.slam", description=__doc__)
-    parser.add_argument("logs", nargs="+", metavar="NAME=FOLDER")
+    parser.add_argument(
+        "logs", nargs="+", metavar="NAME=FOLDER", help="A log's name in the table, and its folder"
+    )
     parser.add_argument(
         "--way",
         action="append",
         default=[],
-        help="Print only this row, by its name; may be repeated [all rows]",
+        help="Print only the row of this name; may be given several times [all rows]",
     )
     words = parser.parse_args()
     print(HEAD)
