@@ -47,7 +47,7 @@ def fetch(
     publisher = Publisher.of({**read_yaml(path), **options})
     sequences = sequences or [*publisher.sequences]
     if not sequences:
-        raise ConfigError(f"which sequences of {dataset}? Say, for example, 2012-01-15")
+        raise ConfigError(f"fetch {dataset}: expected sequences to download, such as 2012-01-15")
     for line in publisher.fetch(root, sequences, Bytes()):
         print(f"  {line}", flush=True)
     print(f"next: yearloc use {dataset} root={root}")

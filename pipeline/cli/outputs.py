@@ -20,7 +20,7 @@ def check_file(out: Path | None, is_written_whole: bool = True) -> None:
     if out.is_dir():
         raise ConfigError(f"{out}: is a folder, expected a file")
     if is_written_whole and out.exists() and not out.is_file():
-        raise ConfigError(f"{out}: is no plain file")
+        raise ConfigError(f"{out}: is not a regular file")
     if not is_written_whole and out.exists():
         if not os.access(out, os.W_OK):
             raise ConfigError(f"{out}: cannot be written (permission denied)")

@@ -153,7 +153,7 @@ def last_day(table: "pd.DataFrame", tests: Sequence[str]) -> str:
 def _check_model_and_day(study: "Study", model: str, test_day: str | None, of: str) -> None:
     """Raise ConfigError for a study without test days, or a model or day that it lacks."""
     if not study.tests_over_days:
-        raise ConfigError(f"{of}: this study turns robots where they stand, and drives no test day")
+        raise ConfigError(f"{of}: the experiment of this study has no test day to draw")
     models = [answers.name for answers in study.answerers]
     if model not in models:
         raise ConfigError(f"{of}: no such method, expected one of {', '.join(models)}")

@@ -98,8 +98,8 @@ def repair() -> None:
     at_work.refuse_at_work(Path())
     for lock in at_work.repair(Path()):
         print(
-            f"{lock}: was torn by a kill and is empty now; what is finished comes back from DVC's "
-            "cache"
+            f"{lock}: was cut off when DVC was killed, and is empty now; finished stages come back "
+            "from DVC's cache"
         )
     check_files(conf_folder())
 

@@ -64,20 +64,20 @@ class Summary:
         if self._rightness:
             right_m, right_deg = self.tolerances.right_within
             lines.append(
-                f"of {self._rightness.total()} accepted with a true pose {self._rightness[False]} "
-                f"are over {right_m:g} m or {right_deg:g}° off"
+                f"of {self._rightness.total()} accepted poses with a known true pose, "
+                f"{self._rightness[False]} are over {right_m:g} m or {right_deg:g}° off"
             )
         if self.steps:
             lines.append(
-                f"followed by odometry over {self.steps[True]} steps, by constant motion over "
+                f"tracked by odometry over {self.steps[True]} steps, by constant motion over "
                 f"{self.steps[False]}"
             )
         if self.dropped:
-            lines.append(f"{self.dropped} more came while another was localised, and were dropped")
+            lines.append(f"{self.dropped} more scans came too fast, and were dropped")
         if left_out := left_out_text(self.skipped):
             lines.append(left_out)
         if self.broken:
-            lines.append(f"{len(self.broken)} could not be read, the first: {self.broken[0]}")
+            lines.append(f"{len(self.broken)} scans could not be read, the first: {self.broken[0]}")
         return "\n".join(lines)
 
     def _verdict_line(self) -> str:

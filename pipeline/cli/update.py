@@ -106,7 +106,7 @@ def update(
     print(f"{log}: {update.line(site)}")
     if out is None:
         print(
-            f"nothing was written; `-o FILE` learns it, {path} stays as it is",
+            f"nothing was written; `-o FILE` writes the updated site, {path} stays as it is",
             file=sys.stderr,
         )
         return
@@ -151,6 +151,6 @@ def _write(out: Path, path: Path, log: str, site: "Site", parts: "Parts", update
     )
     description = updated_parts.description
     print(
-        f"its thresholds are by {description.verdict.validation} validation blocks"
+        f"its thresholds come from {description.verdict.validation} validation blocks"
         f"{first_day_words(description)}"
     )

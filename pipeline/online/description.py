@@ -51,8 +51,8 @@ def _site(path: Path, parts: Parts) -> Inspection:
         ("box", box(anchors[:, :3, 3], "xyz", 0)),
     )
     title = f"target precisions of a pose, by {verdict.validation} validation blocks"
-    title += f"; of queries {verdict.unseen_share:g} are expected unseen"
     title += first_day_words(description)
+    title += f"; a share {verdict.unseen_share:g} of the queries is expected to be unseen"
     inspection.add(title, *_target_rows(verdict))
     inspection.add("sensor", *_sensor_rows(description.sensor))
     digests = [(name, digest or "unknown") for name, digest in provenance.md5.items()]
@@ -85,7 +85,7 @@ def _level(path: Path, parts: LevelParts) -> Inspection:
         ("gathers", f"sweeps over {level.over_m:g} m of path"),
     )
     title = f"target precisions of a pose, by {verdict.validation} validation blocks of its own"
-    title += f"; of queries {verdict.unseen_share:g} are expected unseen"
+    title += f"; a share {verdict.unseen_share:g} of the queries is expected to be unseen"
     inspection.add(title, *_target_rows(verdict))
     inspection.add("with", *description.provenance.versions.items())
     return inspection
@@ -97,7 +97,7 @@ def first_day_words(description: SiteDescription) -> str:
     It is empty for a site that has not been updated.
     """
     days = () if description.incremental_learning is None else description.incremental_learning.days
-    return f"; all of {days[0].day}, not of the days since" if len(days) > 1 else ""
+    return f"; these blocks are all of {days[0].day}" if len(days) > 1 else ""
 
 
 def _site_name(description: LevelDescription | SiteDescription) -> str:

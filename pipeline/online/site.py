@@ -192,12 +192,12 @@ class Site:
     def check(self, target_precision: float | None) -> None:
         """Raise InputError for a target precision that the site has no threshold for."""
         if target_precision is not None and target_precision not in self.target_precisions:
-            possible = "nor for any other; say none"
+            possible = "nor for any other; choose none"
             if self.target_precisions:
                 target_precisions = " and ".join(map(str, self.target_precisions))
                 possible = (
-                    f"it has thresholds for {target_precisions}: say --target-precision "
-                    f"{min(self.target_precisions)}, or target_precision= of these"
+                    f"it has thresholds for {target_precisions}; choose one of these, such as "
+                    f"--target-precision {min(self.target_precisions)}"
                 )
             raise InputError(
                 f"target_precision={target_precision:g}: this site has no threshold for it; "

@@ -88,8 +88,7 @@ def test_a_day_with_reference_poses_adds_a_place_and_the_old_ones_stay(
     )
     assert "4 places" in reported
     assert (
-        "its thresholds are by 100 validation blocks; all of monday, not of the days since"
-        in reported
+        "its thresholds come from 100 validation blocks; these blocks are all of monday" in reported
     )
     updated = Site.open(tmp_path / "four.site")
     points_m = seen_from(cloud, planar(1.5, 0.5, 40))
@@ -103,8 +102,8 @@ def test_a_day_with_reference_poses_adds_a_place_and_the_old_ones_stay(
     assert "tuesday (3 views, 1 new places, 0 submaps changed)" in str(
         describe(tmp_path / "four.site")
     )
-    assert "; all of monday, not of the days since" in str(describe(tmp_path / "four.site"))
-    assert "of the days since" not in str(describe(site))
+    assert "; these blocks are all of monday" in str(describe(tmp_path / "four.site"))
+    assert "these blocks are all of" not in str(describe(site))
 
 
 def test_without_a_file_nothing_is_written(

@@ -110,7 +110,7 @@ def test_the_points_of_a_bag_are_placed_by_its_transforms(
 def test_a_bag_is_followed_by_its_odometry(localize: Command, tmp_path: Path) -> None:
     path = driven(tmp_path / "day", *(planar(5, i, 0) for i in range(3)))
     reported = localize.run(path, "--track", "--odometry", "/wheels")[1]
-    assert "followed by odometry over 2 steps, by constant motion over 1" in reported
+    assert "tracked by odometry over 2 steps, by constant motion over 1" in reported
     assert "the site is simulated" in reported
     assert "by constant motion over 3" in localize.run(path, "--track")[1]
     kept = tmp_path / "kept.csv"
@@ -211,7 +211,7 @@ def test_a_broken_scan_among_others_is_left_out_and_counted(
     floats(tmp_path)
     (tmp_path / "2.npy").write_bytes(b"\x93NUMPY")
     _, reported = localize.run(tmp_path)
-    assert f"1 could not be read, the first: {tmp_path}/2.npy: no whole .npy" in reported
+    assert f"1 scans could not be read, the first: {tmp_path}/2.npy: no whole .npy" in reported
     assert "no whole .npy file" in localize.refused(tmp_path / "2.npy")
 
 
@@ -298,7 +298,7 @@ def test_level_scans_of_other_places_do_not_lean() -> None:
         (["1.bin", "-o", "empty"], "empty: is a folder, expected a file"),
         (["1.bin", "-o", "/proc/x.csv"], "/x.csv: cannot be written (no such file or directory)"),
         (["1.bin", "--mcap", "-o", "/proc/x.mcap"], "/proc/x.mcap: cannot be written"),
-        (["1.bin", "--mcap", "-o", "/dev/null"], "/dev/null: is no plain file"),
+        (["1.bin", "--mcap", "-o", "/dev/null"], "/dev/null: is not a regular file"),
         (["1.bin", "--threads", "0"], "--threads 0: expected at least 1"),
     ],
 )
