@@ -263,7 +263,7 @@ MISTAKES = {
     "inspect nothing.bin": "nothing.bin",
     "results": "dvc repro",
     "fetch kitti": "expected one of carmen, nclt, nclt_keyframes",
-    "fetch nclt": "for example, 2012-01-15",
+    "fetch nclt": "expected sequences to download, such as 2012-01-15",
     "fetch nclt 2012-01-15 base=http://127.0.0.1:9/": "cannot be reached",
     "inspect monday --save robot.yaml": "conf/dataset/NAME.yaml",
     "inspect monday --save conf/dataset/robot.yml": "conf/dataset/NAME.yaml",
