@@ -197,7 +197,8 @@ def test_only_unperturbed_level_sweeps_have_poses(project, capsys):
     assert "submap: flat_10m" in text
     line = refused(capsys, *use, "experiment=robustness", "perturbed=turned")
     assert (
-        "carmen: poses=sci_ring: level sweeps (submap flat_20m) are localised unperturbed" in line
+        "carmen: poses=sci_ring: level sweeps (submap flat_20m) are localised from unperturbed scans only"
+        in line
     )
 
 
