@@ -96,7 +96,9 @@ def main(settings: Settings) -> str:
             learned, posed_queries = learned_of_scans(settings, labels, compute)
             learned_with = scans_basis(settings)
         learned.write(folder / f"{VERDICT}.zarr", learned_with)
-        lines = [f"{learned.fix_count} fixes of {learned.verdict.validation} validation blocks"]
+        lines = [
+            f"{learned.fix_count} fixes of {learned.verdict.validation_blocks} validation blocks"
+        ]
         posing = Posing(
             learned.verdict,
             right_within,

@@ -1,4 +1,5 @@
-"""Makes artifacts of scans, submaps and views as the stages write them, from the arrays of a test."""
+"""Makes artifacts of scans, submaps and views as the stages write them, from the arrays of a
+test."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

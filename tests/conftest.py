@@ -40,7 +40,8 @@ a world."""
 
 
 class ByFile(LoadFileScheduling):  # type: ignore[misc]
-    """Gives each file to one worker, which makes its fixtures once, and tests of JOBS one by one."""
+    """Gives each file to one worker, which makes its fixtures once, and tests of JOBS one by
+    one."""
 
     def _split_scope(self, nodeid: str) -> str:
         return nodeid if nodeid.startswith(JOBS) else super()._split_scope(nodeid)

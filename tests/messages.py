@@ -1,8 +1,9 @@
 """Writes the tables of messages in docs/troubleshooting.md: `python -m tests.messages`.
 
-A message is a string of the source, with … for each value that is formatted into it. Its explanation
-is written by hand beside it. If a message changed, its row takes the new text. A message that the
-source no longer has is removed. An error or warning without a row is listed at the end of the page.
+A message is a string of the source, with … for each value that is formatted into it. Its
+explanation is written by hand beside it. If a message changed, its row takes the new text. A
+message that the source no longer has is removed. An error or warning without a row is listed at the
+end of the page.
 """
 
 import ast

@@ -151,6 +151,6 @@ def _write(out: Path, path: Path, log: str, site: "Site", parts: "Parts", update
     )
     description = updated_parts.description
     print(
-        f"its thresholds come from {description.verdict.validation} validation blocks"
+        f"its thresholds come from {description.verdict.validation_blocks} validation blocks"
         f"{first_day_words(description)}"
     )

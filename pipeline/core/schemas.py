@@ -493,7 +493,7 @@ class Fixes(SequenceRanking, kind="fixes", version=6):
         tuple[float, ...],
         "the same of the novelty `several`: the claim is that one of its first poses is right",
     ]
-    validation: Annotated[
+    validation_blocks: Annotated[
         int,
         "how many validation blocks there are; each is queried unperturbed, with simulated "
         "ageing, and without its surroundings",
@@ -583,7 +583,7 @@ class Verdicts(Artifact, kind="verdict", version=2):
     several_thresholds: Annotated[
         tuple[float, ...], "the same of the claim that one of a query's first poses is right"
     ]
-    validation: Annotated[int, "how many validation blocks there are"]
+    validation_blocks: Annotated[int, "how many validation blocks there are"]
     unseen_share: Annotated[float, "share of queries that are expected where training never went"]
     fix_count: Annotated[int, "how many fixes of validation queries it was learned from"]
     least_overlap: Annotated[float, "overlap from which a rough registration is refined"]

@@ -50,7 +50,7 @@ def _site(path: Path, parts: Parts) -> Inspection:
         ("places", f"{len(arrays['cells']):,} cells of {description.places.cell_m:g} m"),
         ("box", box(anchors[:, :3, 3], "xyz", 0)),
     )
-    title = f"target precisions of a pose, by {verdict.validation} validation blocks"
+    title = f"target precisions of a pose, by {verdict.validation_blocks} validation blocks"
     title += first_day_words(description)
     title += f"; a share {verdict.unseen_share:g} of the queries is expected to be unseen"
     inspection.add(title, *_target_rows(verdict))
@@ -84,7 +84,9 @@ def _level(path: Path, parts: LevelParts) -> Inspection:
         ("origin", f"x {x_m:g} m, y {y_m:g} m, yaw {np.rad2deg(yaw_rad):g}°"),
         ("gathers", f"sweeps over {level.over_m:g} m of path"),
     )
-    title = f"target precisions of a pose, by {verdict.validation} validation blocks of its own"
+    title = (
+        f"target precisions of a pose, by {verdict.validation_blocks} validation blocks of its own"
+    )
     title += f"; a share {verdict.unseen_share:g} of the queries is expected to be unseen"
     inspection.add(title, *_target_rows(verdict))
     inspection.add("with", *description.provenance.versions.items())

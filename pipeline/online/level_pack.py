@@ -103,7 +103,7 @@ def _write(
     arrays = {"occupancy": level_map.occupancy}
     site_file.write(out, site_file.LevelParts(description, arrays))
     target_precisions = ", ".join(map(str, description.verdict.reachable)) or "none"
-    blocks = verdict.validation
+    blocks = verdict.validation_blocks
     checked = f"checked on {blocks} validation blocks" if blocks else "not checked in this one"
     return (
         f"{out}: level, {level_map.free_m2:,.0f} m² of free space in cells of "

@@ -216,7 +216,7 @@ class Packing:
         )
         places = f"{len(Places.of(labels).cells)} places, {len(arrays['world_T_anchor'])} submaps"
         return (
-            f"{out}: {places}, {out.stat().st_size / 1e6:.1f} MB; by {verdict.validation} "
+            f"{out}: {places}, {out.stat().st_size / 1e6:.1f} MB; by {verdict.validation_blocks} "
             f"validation blocks it reaches the {_target_words(description.verdict.reachable)}"
         )
 

@@ -160,7 +160,7 @@ class Posing:
             pose_thresholds=claim_thresholds["fix"],
             place_thresholds=claim_thresholds["place"],
             several_thresholds=claim_thresholds["several"],
-            validation=self.verdict.validation,
+            validation_blocks=self.verdict.validation_blocks,
             right_within=self.right_within,
         )
         store.write(path, artifact)

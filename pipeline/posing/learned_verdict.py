@@ -58,7 +58,7 @@ class Learned:
             HypothesisModel(tuple(artifact.load("place_weights").tolist()), artifact.place_offset),
             artifact.target_precisions,
             dict(zip(CLAIMS, thresholds, strict=True)),
-            artifact.validation,
+            artifact.validation_blocks,
             artifact.unseen_share,
         )
         expectations = Expectations(
@@ -80,7 +80,7 @@ class Learned:
             pose_thresholds=verdict.claim_thresholds["fix"],
             place_thresholds=verdict.claim_thresholds["place"],
             several_thresholds=verdict.claim_thresholds["several"],
-            validation=verdict.validation,
+            validation_blocks=verdict.validation_blocks,
             unseen_share=verdict.unseen_share,
             fix_count=self.fix_count,
             least_overlap=self.least_overlap,

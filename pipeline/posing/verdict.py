@@ -130,7 +130,7 @@ class Verdict:
     claim_thresholds: ClaimThresholds
     """For each of CLAIMS and each target precision, the error probability from which on the claim
     is rejected. A threshold that is not above 0 marks a target precision that cannot be reached."""
-    validation: int
+    validation_blocks: int
     """The number of validation blocks of the training day that the thresholds were learned from."""
     unseen_share: float
     """The expected share of queries where training never went."""

@@ -1,4 +1,5 @@
-"""Tests of the verdicts on the papers' findings, and that docs/papers.md follows from the tables."""
+"""Tests of the verdicts on the papers' findings, and that docs/papers.md follows from the
+tables."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -25,7 +25,8 @@ SEEN = np.array([1, 1, 1, 0, 1, 0], bool)
 TOY = GroundTruth(SEEN, ~SEEN, np.array([0, 1, 0, -1, 0, -1]), np.array([1, 1, 1, 0, 0, 0], bool))
 NOVELTY = np.array([0.1, 0.2, 0.3, 0.4, 0.6, 0.7], np.float32)
 THRESHOLDS = np.array([0.15, 0.25, 0.35, 0.5, 0.65, 1.0])
-"""The toy of METHODS.md 2.7: six queries. The second is placed wrong: its true place is ranked 2nd."""
+"""The toy of METHODS.md 2.7: six queries. The second is placed wrong: its true place is ranked
+2nd."""
 
 XY_M = np.array([(0, 0), (10, 0), (20, 0), (30, 0), (40, 0), (40, 100), (40, 120)], float)
 BOOTSTRAP = Bootstrap(block_m=15.0, resamples=40)

@@ -236,8 +236,8 @@ def test_numbers_age_over_the_days(gathered: pd.DataFrame) -> None:
     assert value(gathered, "recall_at_1_per_100_days", **cells) == pytest.approx(-20 / 42)
     assert value(gathered, "recall_at_1_day_0", **cells) == pytest.approx(0.6 + 4 / 42)
     assert value(gathered, "recall_at_1_line", sequence=MAR, **cells) == pytest.approx(0.4)
-    # The median entropy of the seen, .2, lies among .1 .2 .3 of the validation queries: above one and level
-    # with one, in single precision.
+    # The median entropy of the seen, .2, lies among .1 .2 .3 of the validation queries: above one
+    # and level with one, in single precision.
     assert value(gathered, "novelty_percentile", sequence=FEB, method="sci") == pytest.approx(50.0)
     # The nearest anchor is in the right cell at four of five on both days; it is no method's.
     assert value(gathered, "recall_at_1", method="oracle", sequence=FEB) == pytest.approx(0.8)

@@ -50,7 +50,8 @@ def seen(x_m: float, y_m: float, yaw_rad: float) -> np.ndarray:
 
 @dataclass
 class Fake:
-    """Finds the nearest reference image, blurred to 8 × 8, at any even heading; keeps its queries."""
+    """Finds the nearest reference image, blurred to 8 × 8, at any even heading; keeps its
+    queries."""
 
     view: str = "birdview"
     length: int = 4

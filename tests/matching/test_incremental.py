@@ -1,4 +1,5 @@
-"""Incremental learning of a Scan Context model: two days of scenes 2 m apart, learned in their order."""
+"""Incremental learning of a Scan Context model: two days of scenes 2 m apart, learned in their
+order."""
 
 import numpy as np
 import pytest

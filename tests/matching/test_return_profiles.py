@@ -27,7 +27,8 @@ LEVEL = np.zeros((1, 3))
 
 
 def seen(view: int, turn: int) -> np.ndarray:
-    """The return profile that a sensor sees at a training view, turned to the left by `turn` columns."""
+    """The return profile that a sensor sees at a training view, turned to the left by `turn`
+    columns."""
     return np.roll(SHAPES[view : view + 1], -turn, axis=1)
 
 

@@ -104,8 +104,8 @@ def test_the_seam_is_seen_and_the_rims_are_not_joined() -> None:
 
 
 def test_what_is_dropped_of_the_features_is_dropped_at_every_heading(image: torch.Tensor) -> None:
-    """In a ring that looks the same all around, all headings stay the same if they share one mask that
-    drops whole images."""
+    """In a ring that looks the same all around, all headings stay the same if they share one mask
+    that drops whole images."""
     torch.manual_seed(0)
     net = Ring(2, dropout=1.0).train()
     embedded = net.embed(image)

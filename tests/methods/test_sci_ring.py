@@ -90,8 +90,8 @@ def test_places_are_learned(model: Model, ranking: Ranking, clears: Clears) -> N
 def test_a_sensor_turned_to_the_left_is_known_and_reported_so(
     model: Model, turn_deg: float, clears: Clears
 ) -> None:
-    """Its yaw in the world is larger by as much; headings here are 72° apart, so an answer lies between
-    them."""
+    """Its yaw in the world is larger by as much; headings here are 72° apart, so an answer lies
+    between them."""
     yaw_deg = YAW_DEG + turn_deg
     result = SMALL.localizer(model)(rows(2, yaw_deg), 1)
     clears((result.places[:, 0] == GROUND_TRUTH).mean(), 0.8)

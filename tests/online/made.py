@@ -61,7 +61,7 @@ def about(**changes: Any) -> dict[str, Any]:
         "k": 3,
         "places": {"cell_m": GRID.cell_m, "x_m": GRID.x_m, "y_m": GRID.y_m},
         "map": {"grain_m": GRAIN_M, "range_m": 80.0, "single": True},
-        "verdict": verdict | {"validation": 100, "unseen_share": 0.2},
+        "verdict": verdict | {"validation_blocks": 100, "unseen_share": 0.2},
         "reader": READER,
         "sensor": SENSOR | {"warnings": []},
         "provenance": {"train": "monday", "md5": {"model": "0" * 32}, "versions": {"yearloc": "0"}},

@@ -127,7 +127,8 @@ def test_a_robot_that_is_carried_off_is_lost_and_found(site: Site) -> None:
 
 
 def test_a_track_starts_only_from_a_fix_that_its_own_scan_accepts(site: Site) -> None:
-    """The belief is no substitute, however certain, neither at the start nor while the robot stands."""
+    """The belief is no substitute, however certain, neither at the start nor while the robot
+    stands."""
     unsure = copy(site)
     unsure.target_precisions = dict.fromkeys(
         site.target_precisions, NO_THRESHOLDS

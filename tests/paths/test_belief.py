@@ -87,8 +87,8 @@ def test_after_a_guessed_step_a_fix_agrees_within_the_deviations_of_the_guess() 
 def test_a_pose_that_slipped_from_a_guess_is_no_more_probable_than_alone(tracked: bool) -> None:
     """A fix 3.5 m along the street from a hypothesis is not near enough to be right with it.
 
-    By hand, if it was not tracked: the hypothesis has a probability of .999 and lies near, so the fix
-    is right with a weight of .56 × .999 / .3, and has slipped with one of .44 × .999: .81.
+    By hand, if it was not tracked: the hypothesis has a probability of .999 and lies near, so the
+    fix is right with a weight of .56 × .999 / .3, and has slipped with one of .44 × .999: .81.
     """
     belief = Belief()
     drive_to_origin(belief)

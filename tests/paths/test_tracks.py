@@ -159,7 +159,7 @@ def test_the_fixes_of_a_drive_are_replaced_by_estimates(tmp_path: Path) -> None:
         "pose_thresholds": [0.7, 0.6, 0.0],
         "place_thresholds": [0.3, 0.2, 0.1],
         "several_thresholds": [0.3, 0.2, 0.1],
-        "validation": 300,
+        "validation_blocks": 300,
     }
     with store.draft(path, schemas.Fixes, **attrs) as out:
         for name, values in columns.items():

@@ -52,7 +52,8 @@ def seen_from(
 def hypothesis(
     x_m: float, overlap: float, spread_m: float = 0.01, yaw_deg: float = 0.0, margin: float = 0.2
 ) -> Hypothesis:
-    """A hypothesis at (x, 0) with this overlap and spread, whose walls agree fully with the map's."""
+    """A hypothesis at (x, 0) with this overlap and spread, whose walls agree fully with the
+    map's."""
     alignment = Alignment(np.eye(4), overlap, spread_m**2 * np.eye(6))
     agreement = Agreement(overlap, 1.0, 1.0)
     return Hypothesis(

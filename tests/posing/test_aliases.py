@@ -113,7 +113,8 @@ def street(kind: str, has_kiosk: bool, drive: int) -> np.ndarray:
 
 
 def driven(folder: Path, kind: str, has_kiosk: bool) -> tuple[np.ndarray, Targets]:
-    """The points of a street on a later drive, and the map of an earlier one: a submap every 4 m."""
+    """The points of a street on a later drive, and the map of an earlier one: a submap every 4
+    m."""
     points_m = street(kind, has_kiosk, 0)
     anchors = np.array([planar(x_m, 0, 0) for x_m in np.arange(0, 120, 4)])
     if kind.startswith("a crossing"):

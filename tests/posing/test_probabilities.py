@@ -19,8 +19,8 @@ def test_the_hypotheses_of_a_query_share_its_probability() -> None:
 
 
 def drawn(n: int, seed: int = 0) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Queries of two hypotheses, of which the one with .2 more overlap is right; if both have little
-    overlap, neither is right."""
+    """Queries of two hypotheses, of which the one with .2 more overlap is right; if both have
+    little overlap, neither is right."""
     rng = np.random.default_rng(seed)
     features = []
     right = []

@@ -64,8 +64,8 @@ def test_right_and_near_are_judged_separately() -> None:
 
 
 def test_a_target_precision_is_reached_only_if_one_more_wrong_block_would_not_break_it() -> None:
-    """The share .8 of the blocks is seen. With 200 blocks, 160 accepted queries reach .99 (159 right
-    ones of 160 would), but not .999. With 100 blocks, 80 reach only .95."""
+    """The share .8 of the blocks is seen. With 200 blocks, 160 accepted queries reach .99 (159
+    right ones of 160 would), but not .999. With 100 blocks, 80 reach only .95."""
     many, few = (evidence(blocks).verdict(0.2) for blocks in (200, 100))
     assert many.reachable == (0.95, 0.99)
     assert few.reachable == (0.95,)

@@ -34,7 +34,8 @@ def estimate(log: Log) -> Estimates:
 
 
 def off_m(estimate: Estimates, world_T_scan: np.ndarray) -> np.ndarray:
-    """The distance (n,) of the poses from the true poses in metres, with both first poses aligned."""
+    """The distance (n,) of the poses from the true poses in metres, with both first poses
+    aligned."""
     aligned = world_T_scan[0] @ np.linalg.inv(estimate.world_T_scan[0]) @ estimate.world_T_scan
     return distance_and_turn(aligned, world_T_scan)[0]
 

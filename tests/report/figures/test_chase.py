@@ -150,7 +150,7 @@ def test_the_highest_target_precision_that_is_kept_says_what_is_accepted(
         "pose_thresholds": pose_thresholds,
         "place_thresholds": pose_thresholds,
         "several_thresholds": pose_thresholds,
-        "validation": 200,
+        "validation_blocks": 200,
         "right_within": [2.0, 5.0],
     }
     with store.draft(tmp_path / "day.zarr", schemas.Fixes, **attrs) as out:
