@@ -246,7 +246,7 @@ def test_a_server_that_goes_while_runs_are_written_is_reported_in_one_line_and_t
         if given[2].name != "sci":  # a run is whole once its children are
             return
         with psycopg.connect(postgres.url("postgres"), autocommit=True) as connection:
-            connection.execute("perturb database goes allow_connections false")
+            connection.execute("alter database goes allow_connections false")
             connection.execute(
                 "select pg_terminate_backend(pid) from pg_stat_activity where datname = 'goes'"
             )
@@ -262,7 +262,7 @@ def test_a_server_that_goes_while_runs_are_written_is_reported_in_one_line_and_t
         entry.message for entry in caplog.records if entry.levelname in ("ERROR", "CRITICAL")
     ] == []
     with psycopg.connect(postgres.url("postgres"), autocommit=True) as connection:
-        connection.execute("perturb database goes allow_connections true")
+        connection.execute("alter database goes allow_connections true")
     monkeypatch.undo()
     for name, value in keys.env.items():
         monkeypatch.setenv(name, value)
