@@ -27,6 +27,7 @@ from scipy.stats import beta
 from pipeline.core import schemas, store
 from pipeline.mapping.gathering import submap_points
 from pipeline.online.site import Site
+from pipeline.posing.learned_verdict import VERDICT
 from pipeline.posing.verdict import CLAIMS, OF_SCANS
 
 SEEN_M = 5.0
@@ -124,6 +125,8 @@ def main(artifacts: str, model: str, site: str = "") -> None:
     world_T_anchor = store.read(mapped, schemas.Maps).load("world_T_anchor")
     opened = Site.open(site) if site else None
     for path in sorted((root / "poses" / model).glob("*.zarr")):
+        if path.stem == VERDICT:
+            continue  # the verdict that was learned for them
         submaps = store.read(root / "submaps" / study / path.name, schemas.Submaps)
         fixes = store.read(path, schemas.Fixes)
         first, *rows = day(fixes, submaps.load("world_T_anchor"), world_T_anchor)
