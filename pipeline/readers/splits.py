@@ -121,7 +121,7 @@ def names(log: str, rule: str) -> list[str]:
     if match is None:
         rules = "path:2, time:3, cut:440m, cut:400s or visits"
         raise ConfigError(
-            f"splits={rule}: expected {rules}, and seconds between splits after another colon"
+            f"split={rule}: expected {rules}, and seconds between splits after another colon"
         )
     if match["by"]:
         count = int(match["of"])
