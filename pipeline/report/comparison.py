@@ -58,9 +58,13 @@ class Kind:
         return f"with {self.label}" if has_noun else self.label
 
 
+UNPERTURBED_KIND = Kind()
+"""The kind of unperturbed queries, which perturbed ones are compared with."""
+
+
 @dataclass(frozen=True)
 class Measure:
-    """A number of the table of results, or the share of it that is left on perturbed queries."""
+    """A metric of the table of results, or the fraction of it that perturbed queries keep."""
 
     protocol: str
     name: str
@@ -180,7 +184,7 @@ class Comparison:
         if not measure.relative:
             return Measurement(values)
         absolute = replace(measure, relative=False)
-        unperturbed = self.measurement(model, Kind(), absolute).values[:, :, :1]
+        unperturbed = self.measurement(model, UNPERTURBED_KIND, absolute).values[:, :, :1]
         return Measurement(values / np.where(unperturbed > 0, unperturbed, np.nan))
 
     def ordered(self, kind: Kind, measure: Measure) -> list[str]:

@@ -26,6 +26,7 @@ from pipeline.report.comparison import (
     HEADING_ERROR,
     RECALL,
     RECALL_BY_DISTANCE,
+    UNPERTURBED_KIND,
     Comparison,
     Kind,
     Measure,
@@ -506,7 +507,7 @@ def n_ways(comparison: Comparison, kind: Kind) -> Finding:
         if n > PAPERS_WAYS
     ]
     fewer = [
-        {"n": n, **asdict(comparison.ahead(four, model, Kind(), AUC))}
+        {"n": n, **asdict(comparison.ahead(four, model, UNPERTURBED_KIND, AUC))}
         for n, model in ways.items()
         if n < PAPERS_WAYS
     ]
@@ -530,7 +531,10 @@ def n_ways(comparison: Comparison, kind: Kind) -> Finding:
 def best_on_each(comparison: Comparison, titles: Mapping[str, str]) -> Finding:
     """The best two models on each unperturbed sequence."""
     best_models = [
-        {"name": titles[sequence], "models": _means(comparison, Kind(), RECALL, sequence=i)[:2]}
+        {
+            "name": titles[sequence],
+            "models": _means(comparison, UNPERTURBED_KIND, RECALL, sequence=i)[:2],
+        }
         for i, sequence in enumerate(comparison.sequences)
     ]
     return Finding("best_on_each", listed=best_models)
@@ -562,6 +566,6 @@ def _means(
 def _aucs(comparison: Comparison, model: str, kind: Kind) -> dict[str, float]:
     """A model's AUC unperturbed and perturbed."""
     return {
-        "unperturbed": comparison.measurement(model, Kind(), AUC).mean,
+        "unperturbed": comparison.measurement(model, UNPERTURBED_KIND, AUC).mean,
         "perturbed": comparison.measurement(model, kind, AUC).mean,
     }

@@ -40,6 +40,7 @@ from pipeline.report.comparison import (
     HEADING_ERROR,
     RECALL,
     RECALL_BY_DISTANCE,
+    UNPERTURBED_KIND,
     WITHIN,
     Comparison,
     Kind,
@@ -779,11 +780,14 @@ def on_sequences(comparison: Comparison, kind: Kind, measure: Measure) -> Table:
 
 def stress(comparison: Comparison, titles: Mapping[str, str]) -> Table:
     """One row per stress sequence and model, unperturbed: means ± deviation over the seeds."""
-    models = comparison.ordered(Kind(), RECALL)
+    models = comparison.ordered(UNPERTURBED_KIND, RECALL)
     rows = []
     for (i, sequence), model in product(enumerate(comparison.sequences), models):
         cells = [
-            spread(comparison.measurement(model, Kind(), measure).on(i).by_seed, measure.digits)
+            spread(
+                comparison.measurement(model, UNPERTURBED_KIND, measure).on(i).by_seed,
+                measure.digits,
+            )
             for measure in STRESS
         ]
         rows.append((titles[sequence], model, count(comparison.seeds[model]), *cells))

@@ -16,8 +16,7 @@ from pipeline.core.errors import InputError
 from pipeline.evaluation.bootstrap import NONE, Estimate
 from pipeline.evaluation.rows import indexed, pick, values
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, PERCENTILE
-from pipeline.report.figures.panels import Line, dots, name_rows
-from pipeline.report.figures.panels import lines as draw_lines
+from pipeline.report.figures.panels import Line, draw_dots, draw_lines, name_rows
 from pipeline.report.figures.style import QUIET, VEIL, WIDTH_IN, figure, folded, styled, tints
 from pipeline.report.table import signed
 
@@ -75,7 +74,7 @@ def slopes(rows: pd.DataFrame, followed: Sequence[FollowedNumber]) -> Figure:
         by_model = indexed(pick(rows, protocol=protocol, number=_slope_name(number)), "method")
         for y, (model, tint) in enumerate(shades.items()):
             slope = by_model.get(model, NONE)
-            dots(axis, [y], slope, tint, across=True, is_filled=_is_clear(slope))
+            draw_dots(axis, [y], slope, tint, across=True, is_filled=_is_clear(slope))
         steepest = np.nanmax([0.0, *(abs(value) for value, _, _ in by_model.values())])
         reach = ROOM * float(steepest) or 1.0
         axis.set_xlim(-reach, reach)
@@ -115,10 +114,10 @@ def _panel(axis: Axes, rows: pd.DataFrame, number: str, tint: str) -> None:
         return
     measured = pick(rows, number=number)
     measured = measured[measured["sequence"].isin(line["sequence"])]
-    dots(axis, measured["days"], values(measured), tint)
+    draw_dots(axis, measured["days"], values(measured), tint)
     fitted, low, high = values(line).T
-    look = {"color": tint, "lw": 1.0, "zorder": 2}
-    draw_lines(axis, [Line(number, line["days"], fitted, look, (low, high))], band=True)
+    style = {"color": tint, "lw": 1.0, "zorder": 2}
+    draw_lines(axis, [Line(number, line["days"], fitted, style, (low, high))], band=True)
     slope = indexed(pick(rows, number=_slope_name(number)), "number").get(_slope_name(number), NONE)
     if np.isfinite(slope[0]):
         # above points that lie low, but below the oracle; else below the points

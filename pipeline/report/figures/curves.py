@@ -1,7 +1,8 @@
-"""The papers' curves: numbers over the year, precision over recall, recall@n, and training.
+"""Curves: metrics over days since training, precision over recall, recall@n, and training.
 
-In: the results of some models on the test sequences, or the training curves of one model. Out:
-figures with a line per model in its own colour.
+In: results, each of one model on one test sequence, or the training curves of one model. Out:
+figures with a line per model in its own colour, as in the SCI paper (Kim, Park and Kim, RA-L 2019).
+A measure is a metric by one protocol, with the title of its panel.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,26 +20,38 @@ from pipeline.report.figures.panels import (
     SLANTED,
     Line,
     balanced,
+    draw_lines,
     facets,
-    lines,
     name_ends,
     oracle,
     precision_axes,
     scale_shares,
     share_limits,
 )
-from pipeline.report.figures.style import MARK, WIDTH_IN, below, figure, handles, look, styled
+from pipeline.report.figures.style import (
+    MARK,
+    WIDTH_IN,
+    below,
+    figure,
+    handles,
+    line_styles,
+    styled,
+)
 from pipeline.report.result import PRECISIONS, Result, by_model, by_sequence, day
 from pipeline.studies.colours import colour, marker
 
-# The look of a marker on a line.
+# The style of a marker on a line.
 DOT: Any = {"ls": "", "ms": 4, "mec": "white", "mew": 0.6, "zorder": 4}
 PAGE_IN = (5.2, 3.6)  # width and height of a figure on the first screen of the page
-NAME_IN = 0.088 * 6.2 / 3  # height of a model's name beside a panel
+YEAR_HEIGHT_IN = 6.2  # of the figure of `year` with its panels OVER_THE_YEAR
+# Height that a model's name takes beside a panel of `year`: 0.088 of a panel where three share
+# YEAR_HEIGHT_IN keeps names from touching.
+NAME_IN = 0.088 * YEAR_HEIGHT_IN / 3
+RECALL_NAME_GAP = 0.08  # between models' names in `recall_at`, as a fraction of the y axis
 MANY_MODELS = 3  # from so many models on, panels are larger
 VALIDATION = "validation_"  # how the name of a training curve on validation blocks begins
-SHARE_ENDINGS = ("accuracy", "recall")  # curves whose names end so lie between 0 and 1
-# The panels of `year`.
+FRACTION_ENDINGS = ("accuracy", "recall")  # curves whose names end so lie between 0 and 1
+# The panels of `year`, unless it is given others.
 OVER_THE_YEAR = (AUC, RECALL, RECALL_BY_DISTANCE)
 FIGURE_8 = (AUC, AUC_5, AUC_25)  # the panels of Fig. 8 of the SCI paper
 
@@ -46,66 +59,67 @@ FIGURE_8 = (AUC, AUC_5, AUC_25)  # the panels of Fig. 8 of the SCI paper
 @styled
 def year(
     results: Sequence[Result],
-    train: str,
+    training_sequence: str,
     measures: Sequence[Measure] = OVER_THE_YEAR,
-    size_in: tuple[float, float] = (WIDTH_IN, 6.2),
+    size_in: tuple[float, float] = (WIDTH_IN, YEAR_HEIGHT_IN),
 ) -> Figure:
-    """Numbers over the days since training, a panel per measure, as in Fig. 8 of the SCI paper.
+    """Metrics over the days since training, a panel per measure, as in Fig. 8 of the SCI paper.
 
-    Bands are 95 % intervals. Grey is the oracle's recall@1: what answering with the nearest
-    training pose would reach. A marker has the id of its result.
+    Bands are 95 % intervals. Grey is the recall@1 of the oracle, which answers with the place of
+    the nearest training anchor. A marker is tagged with its result's id as its SVG id (gid).
     """
     groups = by_model(results)
-    days = {result.days: day(result.sequence) for result in results}  # one label a day
+    label_by_day = {result.days: day(result.sequence) for result in results}
+    # the oracle's recall is the same in the results of all models
     first_of_day = [group[0] for group in by_sequence(results).values()]
-    fig = figure(*size_in, f"The year after training on {day(train)}")
+    fig = figure(*size_in, f"The year after training on {day(training_sequence)}")
     axes = fig.subplots(len(measures), 1, squeeze=False, sharex=True)[:, 0]
     for axis, measure in zip(axes, measures, strict=True):
         drawn = []
-        for model, model_look in look(groups).items():
+        for model, model_style in line_styles(groups).items():
             group = groups[model]
             rows = [result.values(measure.protocol, measure.name) for result in group]
             value, low, high = np.array(rows).T
-            driven = [result.days for result in group]
-            drawn.append(Line(model, driven, value, model_look, (low, high)))
-            for result, share in zip(group, value, strict=True):
-                _mark(axis, result, result.days, share, model_look["color"])
-        shares = [result.number(measure.protocol, "oracle") for result in first_of_day]
-        drawn.append(oracle([result.days for result in first_of_day], shares, "oracle recall@1"))
-        lines(axis, drawn, band=True)
+            days_since_training = [result.days for result in group]
+            drawn.append(Line(model, days_since_training, value, model_style, (low, high)))
+            for result, y in zip(group, value, strict=True):
+                _mark(axis, result, result.days, y, model_style["color"])
+        recalls = [result.number(measure.protocol, "oracle") for result in first_of_day]
+        drawn.append(oracle([result.days for result in first_of_day], recalls, "oracle recall@1"))
+        draw_lines(axis, drawn, band=True)
         axis.set_ylabel(measure.title)
         scale_shares([axis])
         name_ends(axis, drawn, gap=NAME_IN * len(measures) / size_in[1])
-    axes[-1].set_xticks([*days], [*days.values()], **SLANTED)
+    axes[-1].set_xticks([*label_by_day], [*label_by_day.values()], **SLANTED)
     axes[-1].set_xlabel("test sequence, spaced by days since training; bands: 95 % intervals")
     return fig
 
 
 def _mark(axis: Axes, result: Result, x: float, y: float, tint: str) -> None:
-    """Draw the marker of a result, which has its id."""
+    """Draw the marker of a result, tagged with the result's id as its SVG id (gid)."""
     axis.plot(x, y, marker(result.model), gid=result.id, color=tint, **DOT)
 
 
 @styled
 def coverage(results: Sequence[Result]) -> Figure:
-    """The share of one test sequence's queries that can be answered at each target precision.
+    """The fraction of one test sequence's queries that can be answered at each target precision.
 
-    Answers are right by distance. The marker of a model is at its own threshold, and has the id of
-    its result.
+    Answers are judged by distance. The marker of a model is at its own threshold, and is tagged
+    with its result's id as its SVG id (gid).
     """
-    looks = look(by_model(results))
+    styles = line_styles(by_model(results))
     fig = figure(*PAGE_IN, f"What can be answered on {day(results[0].sequence)}")
     axis = fig.subplots()
-    backwards = results[::-1]
-    lines(axis, [Line(r.model, PRECISIONS, r.coverage, looks[r.model]) for r in backwards])
+    backwards = results[::-1]  # the first model is drawn last, on top
+    draw_lines(axis, [Line(r.model, PRECISIONS, r.coverage, styles[r.model]) for r in backwards])
     for result in backwards:
         precision = max(result.number("distance", "precision_at_threshold"), PRECISIONS[0])
-        share = result.number("distance", "answered")
-        _mark(axis, result, precision, share, looks[result.model]["color"])
+        answered = result.number("distance", "answered")  # as a fraction of the judged queries
+        _mark(axis, result, precision, answered, styles[result.model]["color"])
     axis.set(xlim=(PRECISIONS[0], 1.0), ylim=(0, 1.02), ylabel="of the judged queries answered")
     axis.set_xlabel("of its answers, so many are right, by distance")
     axis.grid(axis="y")
-    below(fig, handles(looks), 4)
+    below(fig, handles(styles), 4)
     return fig
 
 
@@ -113,18 +127,19 @@ def coverage(results: Sequence[Result]) -> Figure:
 def precision_recall(results: Sequence[Result], protocol: str) -> Figure:
     """Fig. 6 of the SCI paper: precision over recall, a panel per test sequence.
 
-    The curve has a point for every novelty; the marker is at the model's own threshold.
+    The curve has a point for every novelty threshold. The marker is at the model's own threshold
+    (absent if it accepts nothing).
     """
-    looks = look(by_model(results))
+    styles = line_styles(by_model(results))
     groups = [*by_sequence(results).values()]
     is_wide = len(groups) > 1
-    most_columns = 5 if len(looks) < MANY_MODELS else 3
+    most_columns = 5 if len(styles) < MANY_MODELS else 3
     _, columns = balanced(len(groups), most_columns)
     fig, panels = facets(
         groups,
         most_columns,
         heading=f"Precision over recall, by {protocol}",
-        around_in=0.85,
+        margin_in=0.85,
         row_in=1.5 if columns > 3 else 2.0,
         width_in=WIDTH_IN if is_wide else 3.5,
         x_label="recall",
@@ -132,55 +147,60 @@ def precision_recall(results: Sequence[Result], protocol: str) -> Figure:
     )
     for axis, group in panels:
         for result in reversed(group):
-            model_look = looks[result.model]
+            model_style = styles[result.model]
             precision, recall = result.evaluation.curve(protocol)
-            lines(axis, [Line(result.model, recall, precision, model_look)])
+            draw_lines(axis, [Line(result.model, recall, precision, model_style)])
             names = ("recall_at_threshold", "precision_at_threshold")
             at_threshold = [result.number(protocol, name) for name in names]
             if np.isfinite(at_threshold).all():
-                dot = {"color": model_look["color"], "clip_on": False, **DOT}
+                dot = {"color": model_style["color"], "clip_on": False, **DOT}
                 axis.plot(*at_threshold, marker(result.model), **dot)
         precision_axes(axis, group[0].label)
     title = "marker: the model's own threshold, where it accepts anything"
-    below(fig, handles(looks), 5 if is_wide else 2, title=title)
+    below(fig, handles(styles), 5 if is_wide else 2, title=title)
     return fig
 
 
 @styled
 def recall_at(results: Sequence[Result]) -> Figure:
-    """The share of seen queries whose place is among the first n, without rejection.
+    """Recall@n without rejection: the fraction of seen queries whose place is among the first n.
 
-    A model's mean over the test sequences is bold, each sequence is faint.
+    Each panel judges by one protocol. A model's mean over the test sequences is bold, each sequence
+    is faint.
     """
     groups = by_model(results)
     fig = figure(WIDTH_IN, 2.6, "Recall among the first n places")
     axes = fig.subplots(1, len(PROTOCOLS), sharey=True)
     drawn_by_protocol: dict[str, list[Line]] = {protocol: [] for protocol in PROTOCOLS}
+    largest_n = 0
     for protocol, drawn in drawn_by_protocol.items():
-        for model, model_look in look(groups).items():
+        for model, model_style in line_styles(groups).items():
             # (sequence, n)
             recalls = np.stack([r.evaluation.protocol(protocol).recall_at for r in groups[model]])
             recalls = recalls[np.isfinite(recalls).all(axis=1)]
-            n = np.arange(1, 1 + recalls.shape[1])
+            largest_n = recalls.shape[1]
             if len(recalls):
-                drawn.append(Line.mean(model, n, recalls, model_look | {"lw": 1.6}))
+                n = np.arange(1, 1 + largest_n)
+                drawn.append(Line.mean(model, n, recalls, model_style | {"lw": 1.6}))
+    # the recalls of single sequences: all panels have one scale, in which these fit too
     members = [line.members for drawn in drawn_by_protocol.values() for line in drawn]
     axes[0].set_ylim(*share_limits(*members))
     for axis, (protocol, drawn) in zip(axes, drawn_by_protocol.items(), strict=True):
-        lines(axis, drawn)
+        draw_lines(axis, drawn)
         ticks = (1, 5, 10, 15, 20, 25)
-        axis.set(xlim=(1, 1.05 * len(n)), xlabel="n", title=f"by {protocol}", xticks=ticks)
+        axis.set(xlim=(1, 1.05 * largest_n), xlabel="n", title=f"by {protocol}", xticks=ticks)
         axis.grid(axis="y")
-        name_ends(axis, drawn, gap=0.08)
+        name_ends(axis, drawn, gap=RECALL_NAME_GAP)
     axes[0].set_ylabel("recall@n of the seen queries")
     return fig
 
 
 @styled
 def history(curves: Mapping[str, NDArray[np.float64]], best: int | None, model: str) -> Figure:
-    """The training of a model: a panel per curve (round,), on training and on validation blocks.
+    """The training of a model: a panel per metric, its curves on training and validation blocks.
 
-    `best` is the round whose model was kept, from 0; None if the model does not say.
+    `curves` maps names to values (round,); a round is a group of epochs after which the model is
+    validated. `best` is the round whose model was kept, from 0; None if the model does not say.
     """
     names = sorted({name.removeprefix(VALIDATION) for name in curves})
     rounds = np.arange(1, len(next(iter(curves.values()))) + 1)
@@ -189,7 +209,7 @@ def history(curves: Mapping[str, NDArray[np.float64]], best: int | None, model: 
         heading = f"{model}: kept after round {best + 1} of {len(rounds)}"
     row_in = 2.0 if len(names) <= 3 else 1.5
     fig, panels = facets(
-        names, most_columns=3, heading=heading, around_in=0.4, row_in=row_in, shared=False
+        names, most_columns=3, heading=heading, margin_in=0.4, row_in=row_in, shared=False
     )
     for axis, name in panels:
         shape = "o" if len(rounds) < 3 else ""
@@ -199,14 +219,14 @@ def history(curves: Mapping[str, NDArray[np.float64]], best: int | None, model: 
             for key, (label, tint) in tints.items()
             if key in curves
         ]
-        lines(axis, drawn)
+        draw_lines(axis, drawn)
         if best is not None:
             kept = drawn[-1]
-            tint = kept.look["color"]
+            tint = kept.style["color"]
             axis.plot(best + 1, kept.y[best], "o", color=tint, clip_on=False, **DOT)
             axis.axvline(best + 1, **MARK)
         axis.set(xlabel="round", ylabel=name.replace("_", " "), xlim=(1, max(len(rounds), 2)))
-        axis.set_ylim(0, 1 if name.endswith(SHARE_ENDINGS) else None)
+        axis.set_ylim(0, 1 if name.endswith(FRACTION_ENDINGS) else None)
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
     fig.axes[0].legend(loc="best", labelcolor="linecolor", handlelength=1.2)
     return fig

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.rows import NEAR_CHANGE, indexed, pick
 from pipeline.evaluation.study_rows import SHOWN, TO_COME
-from pipeline.report.figures.panels import dots
+from pipeline.report.figures.panels import draw_dots
 from pipeline.report.figures.style import WIDTH_IN, below, dot, figure, folded, styled, tints
 
 NEAR = {"recall_at_1": "recall@1", "auc_exact_top1": "exact AUC"}
@@ -59,7 +59,7 @@ def by_distance(
                 for band, number in enumerate(over_bands(when, model, protocol, name)):
                     alpha = PALE if seen[band] < least_queries else 1.0
                     ink = tint if is_shown else LATER
-                    dots(axis, [band + offset], number, ink, is_filled=is_shown, alpha=alpha)
+                    draw_dots(axis, [band + offset], number, ink, is_filled=is_shown, alpha=alpha)
             queries = seen if name == "recall_at_1" else seen + unseen
             middle = np.arange(len(bands)) + 1.4 * offset
             bars = counts.bar(middle, queries, 2 * OFFSET, color=grey)

@@ -22,7 +22,7 @@ from pipeline.report.figures.maps import (
     height_per_width,
     scale_bar,
 )
-from pipeline.report.figures.panels import SLANTED, Line, facets, lines, share_limits
+from pipeline.report.figures.panels import SLANTED, Line, draw_lines, facets, share_limits
 from pipeline.report.figures.style import MARK, QUIET, THICK, WIDTH_IN, below, dot, figure, styled
 from pipeline.report.result import day
 from pipeline.report.table import MISSING, short
@@ -59,7 +59,7 @@ def matrices(
         [*recalls.items()],
         most_columns=3,
         heading=heading,
-        around_in=0.35,
+        margin_in=0.35,
         row_in=0.85 + 0.24 * len(steps),
         width_in=WIDTH_IN if len(recalls) > 1 else ALONE_IN,
     )
@@ -95,7 +95,7 @@ def over_steps(
     scale.
     """
     strategies = dict.fromkeys(strategy for values in numbers.values() for _, strategy in values)
-    looks: dict[str, Any] = {
+    styles: dict[str, Any] = {
         strategy: {"color": PALETTE[i % len(PALETTE)], "marker": MARKERS[i % len(MARKERS)]}
         for i, strategy in enumerate(strategies)
     }
@@ -106,11 +106,11 @@ def over_steps(
         row[0].set_ylabel(title)
         for axis, order in zip(row, orders, strict=True):
             drawn = [
-                Line.mean(strategy, np.arange(seeds.shape[1]), seeds, looks[strategy])
+                Line.mean(strategy, np.arange(seeds.shape[1]), seeds, styles[strategy])
                 for (line_order, strategy), seeds in values.items()
                 if line_order == order
             ]
-            lines(axis, drawn)
+            draw_lines(axis, drawn)
             axis.grid(axis="y")
     for column, (order, steps) in zip(axes.T, orders.items(), strict=True):
         column[0].set_title(order, pad=4)
@@ -124,7 +124,7 @@ def over_steps(
         axis.set_ylim(low - spare, high + spare)
     for axis in axes[-1]:
         axis.axhline(0.0, **MARK)
-    entries = [Line2D([], [], label=name, **look, **THICK) for name, look in looks.items()]
+    entries = [Line2D([], [], label=name, **style, **THICK) for name, style in styles.items()]
     below(fig, entries)
     return fig
 

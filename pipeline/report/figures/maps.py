@@ -170,16 +170,16 @@ def draw_layers(
 ) -> None:
     """Draw the training path (n, 2), and layers of points of `size` square points.
 
-    Later layers lie above others; `path` is the look of the path. Points become pixels in an SVG,
+    Later layers lie above others; `path` is the style of its line. Points become pixels in an SVG,
     which is smaller so.
     """
     axis.plot(*train_xy_m.T, **path)
     for order, layer in enumerate(layers, start=2):
-        look: Any = {"marker": layer.marker, "zorder": order}
+        style: Any = {"marker": layer.marker, "zorder": order}
         if not layer.accepted:
-            look["alpha"] = REJECTED
+            style["alpha"] = REJECTED
         x_m, y_m = layer.xy_m.T
-        axis.scatter(x_m, y_m, size, layer.tint, linewidths=0, rasterized=True, **look)
+        axis.scatter(x_m, y_m, size, layer.tint, linewidths=0, rasterized=True, **style)
     axis.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal")
     axis.set_axis_off()
 

@@ -1,8 +1,8 @@
 """Panels of a figure, and what stands in them: lines over something, dots with bars, and names.
 
-`facets` makes a figure with a panel per item. `lines` draws the lines of models over something
-with the spread of their values, `dots` values with bars beside or below each other; `name_ends` and
-`name_rows` name them. `calibration` draws shares over probabilities.
+`facets` makes a figure with a panel per item. `draw_lines` draws the lines of models over something
+with the spread of their values, `draw_dots` values with bars beside or below each other;
+`name_ends` and `name_rows` name them. `calibration` draws shares over probabilities.
 """
 
 import math
@@ -23,7 +23,13 @@ EVEN_AREA = 12.0  # square points of markers that all have one size
 LINE_IN = 0.125  # height of a line of text
 SLANTED: Any = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}  # names below an axis
 BAND = 0.4  # opacity of the bands of all lines together
-CURVE: Any = {"lw": 1.2, "ms": 4, "mec": "white", "mew": 0.5, "zorder": 3}  # a line's own look
+CURVE: Any = {
+    "lw": 1.2,
+    "ms": 4,
+    "mec": "white",
+    "mew": 0.5,
+    "zorder": 3,
+}  # the style of a line where it has none of its own
 DOT: Any = {"ls": "", "ms": 4.6, "zorder": 3}
 EDGE: Any = {"mec": "white", "mew": 0.4, "clip_on": False}  # of a filled dot
 Item = TypeVar("Item")
@@ -35,22 +41,24 @@ class Line(NamedTuple):
     name: str
     x: Any  # (n,)
     y: Any  # (n,) NaN where there is no value
-    look: Mapping[str, Any]  # its colour, and what else is not as in CURVE
+    style: Mapping[str, Any]  # its colour, and what else is not as in CURVE
     ends: Any = None  # (2, n) the ends of each value's interval
     members: Any = None  # (member, n) the values that each is the mean of
 
     @classmethod
-    def mean(cls, name: str, x: Any, members: NDArray[np.float64], look: Mapping[str, Any]) -> Self:
+    def mean(
+        cls, name: str, x: Any, members: NDArray[np.float64], style: Mapping[str, Any]
+    ) -> Self:
         """The line through the means of the finite members (member, n)."""
         finite = np.ma.masked_invalid(members)
-        return cls(name, x, finite.mean(axis=0).filled(np.nan), look, members=finite)
+        return cls(name, x, finite.mean(axis=0).filled(np.nan), style, members=finite)
 
 
 def facets(
     items: Sequence[Item],
     most_columns: int,
     heading: str,
-    around_in: float,
+    margin_in: float,
     row_in: float,
     width_in: float = WIDTH_IN,
     shared: bool = True,
@@ -59,11 +67,11 @@ def facets(
 ) -> tuple[Figure, list[tuple[Axes, Item]]]:
     """A figure with a panel per item, at most `most_columns` in a row, on one scale if `shared`.
 
-    It is `around_in` inches high, and `row_in` more for each row of panels. `x_label` stands below
+    It is `margin_in` inches high, and `row_in` more for each row of panels. `x_label` stands below
     the lowest panels, `y_label` beside the leftmost ones.
     """
     rows, columns = balanced(len(items), most_columns)
-    fig = figure(width_in, around_in + row_in * rows, heading)
+    fig = figure(width_in, margin_in + row_in * rows, heading)
     axes = panels(fig, len(items), columns, shared, x_label, y_label)
     return fig, list(zip(axes, items, strict=True))
 
@@ -96,13 +104,13 @@ def panels(
     return axes[:number]
 
 
-def lines(axis: Axes, drawn: Sequence[Line], band: bool = False) -> None:
+def draw_lines(axis: Axes, drawn: Sequence[Line], band: bool = False) -> None:
     """Draw lines over something: their values, intervals and members.
 
     Intervals are bars, or bands if `band`; members are thin lines.
     """
     for line in drawn:
-        tint = line.look["color"]
+        tint = line.style["color"]
         if line.members is not None and len(line.members) > 1:
             axis.plot(line.x, line.members.T, color=tint, lw=0.5, alpha=0.45, zorder=2)
         if line.ends is not None and band and len(line.x) > 1:
@@ -110,16 +118,16 @@ def lines(axis: Axes, drawn: Sequence[Line], band: bool = False) -> None:
             axis.fill_between(line.x, *line.ends, color=tint, alpha=alpha, lw=0, zorder=1)
         elif line.ends is not None:
             axis.vlines(line.x, *line.ends, color=tint, lw=0.8, alpha=0.5, zorder=1)
-        axis.plot(line.x, line.y, **({"label": line.name} | CURVE | dict(line.look)))
+        axis.plot(line.x, line.y, **({"label": line.name} | CURVE | dict(line.style)))
 
 
 def oracle(x: Sequence[float], shares: Sequence[float], name: str = "oracle") -> Line:
     """The recall@1 (n,) of answering with the nearest training pose, in grey."""
-    look = {"color": QUIET, "lw": 0.8, "marker": "o" if len(x) == 1 else "", "zorder": 2}
-    return Line(name, x, np.asarray(shares, np.float64), look)
+    style = {"color": QUIET, "lw": 0.8, "marker": "o" if len(x) == 1 else "", "zorder": 2}
+    return Line(name, x, np.asarray(shares, np.float64), style)
 
 
-def dots(
+def draw_dots(
     axis: Axes,
     at: Any,
     values: Any,
@@ -127,7 +135,7 @@ def dots(
     across: bool = False,
     is_filled: bool = True,
     alpha: float = 1.0,
-    **look: Any,
+    **style: Any,
 ) -> None:
     """Draw dots with bars: value, low and high end of each interval (n, 3).
 
@@ -138,7 +146,7 @@ def dots(
     bars(at, low, high, color=tint, lw=0.9, alpha=0.7 * alpha, zorder=2)
     xy = (value, at) if across else (at, value)
     edge = EDGE if is_filled else {"mfc": "white", "mec": tint, "mew": 0.9}
-    axis.plot(*xy, **({"marker": "o", "color": tint, "alpha": alpha} | DOT | edge | look))
+    axis.plot(*xy, **({"marker": "o", "color": tint, "alpha": alpha} | DOT | edge | style))
 
 
 def share_limits(*values: Any) -> tuple[float, float]:
@@ -221,7 +229,7 @@ def name_ends(axis: Axes, drawn: Sequence[Line], gap: float) -> None:
         y = np.asarray(line.y, np.float64)
         y = y[np.isfinite(y)]
         if len(y):
-            ends.append((float(y[-1]), line.name, line.look["color"]))
+            ends.append((float(y[-1]), line.name, line.style["color"]))
     ends.sort()
     right = max((line.x[-1] for line in drawn), default=0.0)
     places = _apart([y for y, _, _ in ends], gap, high)

@@ -21,7 +21,7 @@ from pipeline.report.figures.panels import (
     SLANTED,
     balanced,
     calibration,
-    dots,
+    draw_dots,
     facets,
     share_limits,
 )
@@ -70,7 +70,7 @@ def histograms(group: Sequence[Result], protocol: str) -> Figure:
         group,
         most_columns=5,
         heading=f"{group[0].model}: {kind} of seen and unseen queries, by {protocol}",
-        around_in=0.85,
+        margin_in=0.85,
         row_in=1.35 if columns > 3 else 1.65,
         width_in=WIDTH_IN if len(group) > 1 else 4.8,
         x_label=kind,
@@ -128,7 +128,7 @@ def rejection(group: Sequence[Result]) -> Figure:
         for axis, protocol_values in zip(row, values, strict=True):
             for k, (tint, marker) in enumerate(KINDS[: len(kinds)]):
                 x = np.arange(len(group)) + 0.16 * (k - (len(kinds) - 1) / 2)
-                dots(axis, x, protocol_values[:, k], tint, marker=marker)
+                draw_dots(axis, x, protocol_values[:, k], tint, marker=marker)
             axis.set_xlim(-0.5, len(group) - 0.5)
             axis.grid(axis="y")
         lowest = np.nanmin(values[..., 0], initial=0.9)

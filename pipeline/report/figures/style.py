@@ -85,13 +85,13 @@ class Link(NamedTuple):
     tooltip: str
 
 
-def look(models: Iterable[str]) -> dict[str, dict[str, Any]]:
+def line_styles(models: Iterable[str]) -> dict[str, dict[str, Any]]:
     """Map each model of a figure to the colour and dash (`color` and `ls`) of its line.
 
     A variant has its method's colour, darker and with another dash.
     """
     models = list(models)
-    looks = {}
+    styles = {}
     for model in models:
         variants = sorted(
             {name for name in models if method_of(name) == method_of(model)},
@@ -101,20 +101,20 @@ def look(models: Iterable[str]) -> dict[str, dict[str, Any]]:
         shade = 1.0 - 0.6 * place / max(len(variants) - 1, 1)
         red, green, blue = to_rgb(colour(model))
         tint = to_hex((shade * red, shade * green, shade * blue)).upper()
-        looks[model] = {"color": tint, "ls": DASHES[place % len(DASHES)]}
-    return looks
+        styles[model] = {"color": tint, "ls": DASHES[place % len(DASHES)]}
+    return styles
 
 
 def tints(models: Iterable[str]) -> dict[str, str]:
     """Map each model of a figure to its colour."""
-    return {model: line["color"] for model, line in look(models).items()}
+    return {model: line["color"] for model, line in line_styles(models).items()}
 
 
 def handles(models: Iterable[str]) -> list[Line2D]:
     """The entries of a legend, one per model."""
     return [
         Line2D([], [], marker=marker(model), label=model, **THICK, **line)
-        for model, line in look(models).items()
+        for model, line in line_styles(models).items()
     ]
 
 

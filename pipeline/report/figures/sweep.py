@@ -13,8 +13,7 @@ from matplotlib.figure import Figure
 
 from pipeline.core.errors import InputError
 from pipeline.report.comparison import AUC, RECALL_BY_DISTANCE, Measure
-from pipeline.report.figures.panels import Line, oracle
-from pipeline.report.figures.panels import lines as draw_lines
+from pipeline.report.figures.panels import Line, draw_lines, oracle
 from pipeline.report.figures.style import DASHES, WIDTH_IN, below, figure, styled
 from pipeline.report.table import MISSING
 from pipeline.studies.colours import PALETTE
@@ -78,7 +77,7 @@ def _panel(
     """Draw one number: means as lines, test sequences as dots and failed jobs as crosses."""
     at: dict[float, list[float]] = {}  # the values of the oracle
     for i, (name, jobs) in enumerate(lines.items()):
-        look = {
+        style = {
             "color": PALETTE[i % len(PALETTE)],
             "ls": DASHES[i // len(PALETTE) % len(DASHES)] if is_numeric else "",
             "marker": "o",
@@ -86,14 +85,14 @@ def _panel(
         drawn = [(x, job.values(measure.protocol, measure.name)) for x, job in jobs]
         drawn = [(x, values) for x, values in drawn if values]
         means = [np.mean(values) for _, values in drawn]
-        draw_lines(axis, [Line(name, [x for x, _ in drawn], means, look)])
+        draw_lines(axis, [Line(name, [x for x, _ in drawn], means, style)])
         for x, values in drawn:
-            axis.scatter([x] * len(values), values, 7, look["color"], **FAINT)
+            axis.scatter([x] * len(values), values, 7, style["color"], **FAINT)
         for x, job in jobs:
             at.setdefault(x, []).extend(job.values(measure.protocol, "oracle"))
             if job.error is not None:
                 lowest = axis.get_xaxis_transform()
-                axis.plot(x, 0, "x", color=look["color"], transform=lowest, **CROSS)
+                axis.plot(x, 0, "x", color=style["color"], transform=lowest, **CROSS)
     means_at = {x: float(np.mean(values)) for x, values in sorted(at.items()) if values}
     draw_lines(axis, [oracle(list(means_at), list(means_at.values()), "oracle recall@1")])
     axis.set_ylim(None, min(axis.get_ylim()[1], 1.005))

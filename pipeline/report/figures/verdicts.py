@@ -45,7 +45,7 @@ def verdicts(group: Sequence[Result]) -> Figure:
         group,
         most_columns=4,
         heading=f"{group[0].model}: error of each pose over its novelty",
-        around_in=0.9,
+        margin_in=0.9,
         row_in=1.75,
         x_label=f"novelty: {kind}",
         y_label="error [m]",
@@ -59,8 +59,8 @@ def verdicts(group: Sequence[Result]) -> Figure:
             LEAST_ERROR_M, MOST_ERROR_M
         )
         for is_shown, tint, marker in ((right, RIGHT, "o"), (~right, WRONG_RED, "X")):
-            look: Any = {"marker": marker, "linewidths": 0, "rasterized": True}
-            axis.scatter(novelty[is_shown], error_m[is_shown], 5.0, tint, **look)
+            style: Any = {"marker": marker, "linewidths": 0, "rasterized": True}
+            axis.scatter(novelty[is_shown], error_m[is_shown], 5.0, tint, **style)
         axis.set(yscale="log", ylim=(LEAST_ERROR_M / 1.5, MOST_ERROR_M * 1.5))
         axis.set(xlim=(-0.03, 1.03), title=result.label)
         axis.axhline(evaluation.right_within[0], color="0.8", lw=0.7, zorder=0)
@@ -83,7 +83,7 @@ def probabilities(group: Sequence[Result]) -> Figure:
         group,
         most_columns=5,
         heading=f"{group[0].model}: how often poses of a probability are right",
-        around_in=0.6,
+        margin_in=0.6,
         row_in=1.7,
         x_label="probability of the pose",
         y_label="share that is right",
@@ -122,7 +122,7 @@ def _cards(study: StudyResults, model: str, failed: Sequence[JudgedFix]) -> Figu
         failed,
         most_columns=3,
         heading=f"{model}: what its verdict got wrong",
-        around_in=0.3,
+        margin_in=0.3,
         row_in=WIDTH_IN / 3 + 0.2,
         shared=False,
     )

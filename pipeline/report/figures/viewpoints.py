@@ -18,9 +18,9 @@ from pipeline.evaluation.numbers import PRECISE
 from pipeline.evaluation.viewpoint_matches import NUMBERS, ViewpointMatches
 from pipeline.report.figures.panels import (
     Line,
+    draw_lines,
     facets,
     in_corner,
-    lines,
     precision_axes,
     scale_shares,
 )
@@ -31,7 +31,7 @@ from pipeline.report.figures.style import (
     below,
     figure,
     handles,
-    look,
+    line_styles,
     styled,
 )
 from pipeline.report.table import fixed
@@ -64,12 +64,12 @@ def precision_recall(group: Mapping[str, Sequence[ViewpointMatches]], sequence: 
     Recall is a share of the model's own correct matches, so curves of models of different accuracy
     do not compare. The mean accuracy of each model stands in the panel.
     """
-    looks = look(group)
+    styles = line_styles(group)
     fig, panels = facets(
         next(iter(group.values()))[0].headings_deg.tolist(),
         most_columns=4,
         heading=f"Precision over recall of the correct matches, {sequence}",
-        around_in=0.9,
+        margin_in=0.9,
         row_in=1.55,
         x_label="recall of the correct",
         y_label="precision",
@@ -83,17 +83,17 @@ def precision_recall(group: Mapping[str, Sequence[ViewpointMatches]], sequence: 
     for i, (axis, deg) in enumerate(panels):
         for number, model in enumerate(models):
             curves = [judged.curve(i) for judged in group[model]]
-            line_look = looks[model] | {"lw": 1.1 if len(curves) == 1 else 0.8}
-            lines(
+            line_style = styles[model] | {"lw": 1.1 if len(curves) == 1 else 0.8}
+            draw_lines(
                 axis,
                 [
-                    Line(model, recall, precision, line_look)
+                    Line(model, recall, precision, line_style)
                     for precision, recall in curves
                     if recall[-1] > 0
                 ],
             )
             share = fixed(accuracy[model][i], 3)
-            tint = looks[model]["color"]
+            tint = styles[model]["color"]
             in_corner(axis, share, tint, lines_away=number, is_upper=is_upper)
         precision_axes(axis, f"{deg:g}°")
     below(fig, handles(group), title="number: accuracy, the share that is correct")
@@ -111,27 +111,27 @@ def indices(
     `values` maps a model and number to its values (sequence and seed, heading), NaN where there is
     none. Lines join their means, and thin lines are single ones.
     """
-    looks = look(dict.fromkeys(model for model, _ in values))
+    styles = line_styles(dict.fromkeys(model for model, _ in values))
     positions = np.arange(len(headings_deg))
     heading = "Each index over the heading of the query"
     fig, panels = facets(
         [*INDICES.items()],
         most_columns=2,
         heading=heading,
-        around_in=0.0,
+        margin_in=0.0,
         row_in=2.2,
         shared=False,
     )
     for axis, (name, title) in panels:
-        for i, (model, look_of) in enumerate(looks.items()):
-            x = positions + 0.5 * ((i + 0.5) / len(looks) - 0.5)
-            lines(axis, [Line.mean(model, x, values[model, name], look_of | {"marker": "o"})])
+        for i, (model, style) in enumerate(styles.items()):
+            x = positions + 0.5 * ((i + 0.5) / len(styles) - 0.5)
+            draw_lines(axis, [Line.mean(model, x, values[model, name], style | {"marker": "o"})])
         scale_shares([axis])
         if name == "roc_auc":
             axis.axhline(0.5, **MARK)
         axis.set_xticks(positions, [f"{deg:g}°" for deg in headings_deg], size=6.5)
         axis.set_title(title.format(correct_m=correct_m), pad=5)
-    below(fig, handles(looks))
+    below(fig, handles(styles))
     return fig
 
 
@@ -190,7 +190,7 @@ def collapse(curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]]) 
         [*COLLAPSE.items()],
         most_columns=len(COLLAPSE),
         heading="While learning",
-        around_in=0.0,
+        margin_in=0.0,
         row_in=2.5,
         shared=False,
     )
@@ -200,7 +200,7 @@ def collapse(curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]]) 
                 curve = seed_curves[name]
                 marker = {"marker": "o" if len(curve) < 3 else ""}
                 rounds = 1 + np.arange(len(curve))
-                lines(axis, [Line(model, rounds, curve, look(models)[model] | marker)])
+                draw_lines(axis, [Line(model, rounds, curve, line_styles(models)[model] | marker)])
         if name == "validation_error":
             for error in black_errors:
                 axis.axhline(error, **MARK)

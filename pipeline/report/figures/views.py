@@ -173,8 +173,8 @@ def _cloud(
     every = max(math.ceil(len(near_m) / MOST_POINTS), 1)
     drawn_m = near_m[::every]
     x_m, y_m, z_m = drawn_m[np.argsort(drawn_m[:, 2], kind="stable")].T
-    look: Any = {"cmap": COLOURS, "norm": heights, "linewidths": 0, "rasterized": True}
-    axis.scatter(-y_m, x_m, dot_size, z_m, **look)
+    style: Any = {"cmap": COLOURS, "norm": heights, "linewidths": 0, "rasterized": True}
+    axis.scatter(-y_m, x_m, dot_size, z_m, **style)
 
 
 def _robot(axis: Axes, half_m: float, **marker: Any) -> None:

@@ -25,8 +25,8 @@ from pipeline.report.comparison import (
     HEADING_ERROR,
     RECALL,
     RECALL_BY_DISTANCE,
+    UNPERTURBED_KIND,
     Comparison,
-    Kind,
 )
 from pipeline.report.figures import events, robustness
 from pipeline.report.findings import Finding
@@ -188,7 +188,9 @@ def _glance(
         study,
         folder,
         "glance",
-        robustness.kinds(comparison, (AUC, AUC_SHARE, RECALL_BY_DISTANCE), Kind(), heading),
+        robustness.kinds(
+            comparison, (AUC, AUC_SHARE, RECALL_BY_DISTANCE), UNPERTURBED_KIND, heading
+        ),
         *(findings.kept(comparison, kind) for kind in comparison.changes),
         name=perturbation,
     )
@@ -211,15 +213,15 @@ def _stress(study: StudyResults, folder: Path, comparison: Comparison) -> Sectio
         folder,
         "stress",
         robustness.sequences(comparison, titles, f"Sequences of stress, {study.name}"),
-        findings.nearly_always(comparison, Kind()),
-        findings.variation(comparison, Kind()),
+        findings.nearly_always(comparison, UNPERTURBED_KIND),
+        findings.variation(comparison, UNPERTURBED_KIND),
     )
     return _compared(
         study,
         "stress",
         comparison,
         (
-            findings.leader(comparison, Kind(), RECALL),
+            findings.leader(comparison, UNPERTURBED_KIND, RECALL),
             findings.best_on_each(comparison, titles),
         ),
         illustrations=[illustration],

@@ -9,7 +9,7 @@ from scipy.spatial.distance import pdist
 
 from pipeline.core.errors import InputError
 from pipeline.report.figures.panels import Line, balanced, name_ends, share_limits
-from pipeline.report.figures.style import colour, figure, folded, look, save
+from pipeline.report.figures.style import colour, figure, folded, line_styles, save
 from pipeline.studies.colours import PALETTE
 
 XYZ = np.array(
@@ -56,12 +56,12 @@ def test_colours_stay_apart_to_a_colour_blind_reader_and_can_be_text() -> None:
 
 
 def test_a_variant_has_its_methods_colour_darker_and_another_dash() -> None:
-    looks = look(["sci-4way", "m2dp", "sci"])
-    assert list(looks) == ["sci-4way", "m2dp", "sci"]
-    assert looks["sci"] == {"color": colour("sci"), "ls": "-"}
-    assert looks["m2dp"] == {"color": colour("m2dp"), "ls": "-"}
-    assert looks["sci-4way"]["color"] == "#001A36"  # 0.4 of 00, 40 and 87
-    assert looks["sci-4way"]["ls"] != "-"
+    styles = line_styles(["sci-4way", "m2dp", "sci"])
+    assert list(styles) == ["sci-4way", "m2dp", "sci"]
+    assert styles["sci"] == {"color": colour("sci"), "ls": "-"}
+    assert styles["m2dp"] == {"color": colour("m2dp"), "ls": "-"}
+    assert styles["sci-4way"]["color"] == "#001A36"  # 0.4 of 00, 40 and 87
+    assert styles["sci-4way"]["ls"] != "-"
     assert colour("sci-4way") == colour("sci")
 
 
