@@ -1,7 +1,7 @@
 """Counts of true and false positives and negatives (METHODS.md 2.7).
 
-The SCI paper calls true and false positives hits and false alarms, true and false negatives correct
-rejections and misses.
+The SCI paper (Kim, Park and Kim, RA-L 2019) calls true and false positives hits and false alarms,
+true and false negatives correct rejections and misses.
 
 In: the ground truth of each query and its novelty. Out: how many queries have each of the four
 outcomes at each threshold; `curves` computes precision and recall from them. An answer counts as

@@ -359,8 +359,8 @@ class Evaluations(Artifact, kind="evaluations", version=14):
 def metrics(evaluation: Evaluation) -> dict[str, float]:
     """The few numbers that `dvc metrics show` prints for a model and sequence.
 
-    auc_top1 is the SCI paper's, by cells; the others are by distance. Undefined numbers are left
-    out.
+    auc_top1 is that of the SCI paper (Kim, Park and Kim, RA-L 2019), by cells; the others are by
+    distance. Undefined numbers are left out.
     """
     shown = {
         "auc_top1": evaluation.number("cells", "auc_top1").value,

@@ -38,7 +38,8 @@ def year(table: pd.DataFrame) -> pd.DataFrame:
 def precision_recall(results_table: ResultsTable) -> pd.DataFrame:
     """A row for each method, test sequence and threshold of the SCI paper's curve.
 
-    Precision and recall are of the first answers, by cells.
+    The paper is Kim, Park and Kim, RA-L 2019. Precision and recall are of the first answers, by
+    cells.
     """
     frames = []
     study = results_table.study

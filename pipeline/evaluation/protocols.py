@@ -2,7 +2,8 @@
 
 In: where queries were taken, what a method answered, where training went. Out: a `GroundTruth`,
 from which `counts` and `numbers` are computed. There are two protocols, and every number names its
-own: "cells", by grid cells as in the SCI paper, and "distance", by metres between answer and query.
+own: "cells", by grid cells as in the SCI paper (Kim, Park and Kim, RA-L 2019), and "distance", by
+metres between answer and query.
 """
 
 from dataclasses import dataclass

@@ -1,9 +1,9 @@
 """How long a query takes on this machine: trained methods and submaps in; milliseconds out.
 
-As in Table III of the SCI paper (METHODS 2.7), a query goes from a submap's points to places in two
-parts: generation draws the view and computes the descriptor, retrieval ranks the places. Timings
-differ from run to run and from machine to machine, so nothing that is compared bit by bit may
-depend on them.
+As in Table III of the SCI paper (Kim, Park and Kim, RA-L 2019; METHODS 2.7), a query goes from a
+submap's points to places in two parts: generation draws the view and computes the descriptor,
+retrieval ranks the places. Timings differ from run to run and from machine to machine, so nothing
+that is compared bit by bit may depend on them.
 """
 
 import os

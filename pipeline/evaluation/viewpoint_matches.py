@@ -2,8 +2,11 @@
 
 In: a trained method and the bird-views of a sequence at an even number of headings. The reference
 are the views at every other heading, the queries those at the headings between. Out: which query
-was matched with which row of the sequence, how far off that is, and the numbers of the paper.
+was matched with which row of the sequence, how far off that is, and the metrics of the paper.
 Nothing but the heading differs between query and reference (METHODS.md 5.4 and 5.5).
+
+Paper 2 is Yin et al., "Stabilize an Unsupervised Feature Learning for LiDAR-based Place
+Recognition" (IROS 2018).
 """
 
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,7 @@
 """Compares models on perturbed queries and on stress sequences.
 
 In: rows of the table of results. Out: a `Comparison`, which gives the `Measurement` of any model,
-kind of query and number over sequences, seeds and repeats, orders models by it, and says by how
+kind of queries and measure over sequences, seeds and repeats, orders models by it, and says by how
 much one is ahead of another. Figures, tables and findings of a study of robustness are made of it.
 """
 
@@ -98,7 +98,7 @@ MEASURES = (
 
 
 class Measurement:
-    """One number of one model in one kind of case, over seeds, sequences and repeats.
+    """One measure of one model on one kind of queries, over seeds, sequences and repeats.
 
     Means are of the finite values, and NaN where there is none. Standard deviations are NaN for
     fewer than two values.
@@ -115,7 +115,7 @@ class Measurement:
         self.mean = float(average(self.by_sequence, 0))
         self.over_sequences = deviation(self.by_sequence)
         self.over_seeds = deviation(self.by_seed)
-        # the deviation over the repeats of one seed on one sequence, on average
+        # the standard deviation over the repeats of one seed on one sequence, on average
         self.over_repeats = float(average(np.apply_along_axis(deviation, 2, values)))
 
     def on(self, sequence: int) -> "Measurement":
@@ -127,8 +127,9 @@ class Measurement:
 class Margin:
     """By how much one model is ahead of another on the same sequences and repeats.
 
-    Numbers are means over seeds. A margin is clear if it has one sign on several sequences and is
-    larger than the deviation over them and over the seeds of either model (ONE_SEED for one seed).
+    It is a difference of means over seeds. A margin is clear if it has one sign on several
+    sequences and is larger than the standard deviation over them, and over the seeds of either
+    model (ONE_SEED for one seed).
     """
 
     value: float
@@ -178,7 +179,7 @@ class Comparison:
         return dict(sorted(most_models.items()))
 
     def measurement(self, model: str, kind: Kind, measure: Measure) -> Measurement:
-        """One number of one model in one kind of case, over seeds, sequences and repeats."""
+        """One measure of one model on one kind of queries, over seeds, sequences and repeats."""
         number = (model, kind, measure.protocol, measure.name)
         values = self._values.get(number, self._no_values)[: self.seeds[model]]
         if not measure.relative:

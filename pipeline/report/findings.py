@@ -39,7 +39,8 @@ BOTH = "both protocols"
 # A model that keeps this share of its AUC counts as keeping it, and a model that answers this share
 # of the queries right as nearly always right.
 WHOLE = 0.95
-PAPERS_WAYS = 4  # the SCI paper finds that training at so many headings suffices
+# The SCI paper (Kim, Park and Kim, RA-L 2019) finds that training at so many headings suffices.
+PAPERS_WAYS = 4
 
 
 @dataclass(frozen=True, init=False)
@@ -547,7 +548,7 @@ def _means(
     sequence: int | None = None,
     is_ranked: bool = True,
 ) -> list[dict[str, Any]]:
-    """The models that have a number, with its mean and its deviation over the sequences.
+    """The models that have a measure, with its mean and standard deviation over the sequences.
 
     The largest mean comes first if `is_ranked`. `sequence` is the index of the one that counts;
     None if all count.

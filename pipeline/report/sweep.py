@@ -71,7 +71,7 @@ def write(folder: Path, records: Sequence[Record], usual_overrides: Mapping[str,
 
 
 def _table(jobs: Sequence[Record], swept: Sequence[str]) -> Table:
-    """One row per job: means ± deviation over the test sequences; dashes for a failed job."""
+    """One row per job: means ± standard deviation over the test sequences; dashes if it failed."""
     rows = []
     for job in jobs:
         settings = [setting(job, name) for name in swept]

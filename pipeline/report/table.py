@@ -21,7 +21,9 @@ class Cell:
 
     text: str
     key: float | None = None  # what the column is sorted by; None for a word or a missing number
-    small: str = ""  # beside the number: its interval or deviation, `[.76, .83]` or `± .025`
+    small: str = (
+        ""  # beside the number: its interval or standard deviation, `[.76, .83]` or `± .025`
+    )
     mark: str = ""  # `+` or `−`: clearly better or worse than the reference
     result: tuple[str, str] = ("", "")  # model and sequence, if the page's map can show them
 

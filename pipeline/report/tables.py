@@ -77,7 +77,8 @@ class Column(NamedTuple):
 
 # The numbers that a study is about: beside each stands that of the oracle, which answers every
 # query with its nearest training pose. The paired test of the second number decides the marks + and
-# −. It has only the exact area, which differs little from the SCI paper's AUC.
+# −. It has only the exact area, which differs little from the AUC of the SCI paper (Kim, Park and
+# Kim, RA-L 2019).
 MAIN_NUMBERS = {
     "recall_at_1": (Column("oracle", "oracle"), "recall_at_1"),
     "auc_top1": (Column("oracle, exact", "oracle_auc_exact_top1"), "auc_exact_top1"),
@@ -162,7 +163,8 @@ PSEUDO_LABELLED = {
     "wrong": "of these wrong",
     "changed": "submaps changed",
 }
-# Paper 2's numbers (IROS 2018, unsupervised features of bird-views).
+# The metrics of Yin et al., "Stabilize an Unsupervised Feature Learning for LiDAR-based Place
+# Recognition" (IROS 2018): paper 2.
 VIEWPOINTS = dict(zip(VIEWPOINT_NUMBERS, ("ROC-AUC", "PR-AUC", "accuracy", "recall"), strict=True))
 MOST_PERTURBED_KINDS = 4  # of perturbed queries that have a column in `perturbed`
 # The columns of the two tables `every_case`, by cells and by distance, and of `stress`.
@@ -631,7 +633,7 @@ def query_days(strategies: Sequence[Strategy], protocol: str) -> Table:
 
 
 def over_headings(study: StudyResults) -> list[Table]:
-    """Paper 2's numbers, one row per sequence and model: means over headings, and over seeds.
+    """Paper 2's metrics, one row per sequence and model: means over headings, and over seeds.
 
     A table without rows is left out.
     """
@@ -663,7 +665,7 @@ def over_headings(study: StudyResults) -> list[Table]:
 
 
 def every_heading(study: StudyResults, name: str) -> Table:
-    """One of paper 2's numbers: one column per heading, means over the seeds."""
+    """One of paper 2's metrics: one column per heading, means over the seeds."""
     rows = [(key, numbers.groupby("at")[name]) for key, numbers in _by_heading(study).items()]
     headings_deg = sorted({deg for _, groups in rows for deg in groups.groups})
     return pivot(
@@ -713,9 +715,9 @@ def perturbed(study: StudyResults, models: Iterable[str]) -> Table | None:
 
 
 def every_case(comparison: Comparison, measures: Sequence[Measure]) -> Table:
-    """One row per model and kind of query: means ± deviation over the sequences.
+    """One row per model and kind of queries: means ± standard deviation over the sequences.
 
-    The first measure also has its deviations over repeats and over seeds.
+    The first measure also has its standard deviations over repeats and over seeds.
     """
     first, *others = measures
     rows = []
@@ -739,9 +741,10 @@ def every_case(comparison: Comparison, measures: Sequence[Measure]) -> Table:
 
 
 def over_kinds(comparison: Comparison, measure: Measure) -> Table:
-    """One measure: one row per model, one column per kind of query; means ± over the sequences.
+    """One measure: one row per model, one column per kind of queries.
 
-    A measure relative to unperturbed queries has no column for these.
+    Entries are means ± standard deviation over the sequences. A measure relative to unperturbed
+    queries has no column for these.
     """
     kinds = comparison.changes if measure.relative else comparison.kinds
     return pivot(
@@ -755,14 +758,14 @@ def over_kinds(comparison: Comparison, measure: Measure) -> Table:
 
 
 def _over_sequences(comparison: Comparison, model: str, kind: Kind, measure: Measure) -> Cell:
-    """The mean of a measure ± its deviation over the sequences."""
+    """The mean of a measure ± its standard deviation over the sequences."""
     return spread(comparison.measurement(model, kind, measure).by_sequence, measure.digits)
 
 
 def on_sequences(comparison: Comparison, kind: Kind, measure: Measure) -> Table:
-    """One measure on one kind of query: one row per model, one column per sequence.
+    """One measure on one kind of queries: one row per model, one column per sequence.
 
-    Entries are means over the seeds ± deviation over the repeats.
+    Entries are means over the seeds ± standard deviation over the repeats.
     """
     return pivot(
         "on_sequences",
@@ -779,7 +782,10 @@ def on_sequences(comparison: Comparison, kind: Kind, measure: Measure) -> Table:
 
 
 def stress(comparison: Comparison, titles: Mapping[str, str]) -> Table:
-    """One row per stress sequence and model, unperturbed: means ± deviation over the seeds."""
+    """One row per stress sequence and model: means ± standard deviation over the seeds.
+
+    Queries are unperturbed.
+    """
     models = comparison.ordered(UNPERTURBED_KIND, RECALL)
     rows = []
     for (i, sequence), model in product(enumerate(comparison.sequences), models):
@@ -826,8 +832,8 @@ def over_cell_sizes(
 ) -> Table:
     """One number over cell sizes: one row per model, the best at the largest cells first.
 
-    `values` maps a model to its values (sequence,) at each size; entries are means ± deviation
-    over the sequences.
+    `values` maps a model to its values (sequence,) at each size; entries are means ± standard
+    deviation over the sequences.
     """
     at_largest = {model: average(by_size[-1]) for model, by_size in values.items()}
     order = sorted(values, key=lambda model: -np.nan_to_num(at_largest[model], nan=-np.inf))

@@ -1,9 +1,13 @@
 """Builds the runs that MLflow shows, from the table of results and the records of sweeps.
 
-There is one run for each method, with a child run for each test sequence; one for each strategy of
+There is one run for each method, with a child run for each test sequence; one for each course of
 learning further days; and one for each sweep, with a child run for each job. Nothing is computed
 here but means over test days or seeds. `stage_costs` reads what the stages of a method took, for
 its run. `runs.publish` writes the runs to MLflow.
+
+A row of the table of results (`evaluation.rows`) is one value. Its column `number` names the metric
+and `protocol` says how answers are judged; `ask` is the kind of queries, such as `perturbed`, and
+`of` and `at` say which of this kind, such as the perturbation and its level.
 """
 
 import hashlib
@@ -32,7 +36,7 @@ from pipeline.sweeps.record import Record
 from pipeline.tracking.page import COLOUR, filled
 from pipeline.tracking.runs import RunRecord, UsedSequence
 
-# The charts of a sweep's own run: the name of each, and the protocol and number whose mean over the
+# The charts of a sweep's own run: the name of each, and the protocol and metric whose mean over the
 # test days it shows for each job.
 CHARTED = {
     "cells_auc_top1": ("cells", "auc_top1"),
@@ -40,14 +44,14 @@ CHARTED = {
     "distance_recall_at_1": ("distance", "recall_at_1"),
     "validation_auc": ("cells", "validation_auc"),
 }
-NOT_OF_JOBS = ("queries", "turned_share")  # numbers that a sweep's jobs do not show
-# Numbers by cells that are shown for each kind of novelty, and how they are called there.
+NOT_OF_JOBS = ("queries", "turned_share")  # metrics that a sweep's jobs do not show
+# Metrics by cells that are shown for each novelty measure, and their names there.
 REJECTION = {
     "auroc": "auroc",
     "precision_at_threshold": "precision",
     "recall_at_threshold": "recall",
 }
-# The group in MLflow of each number that is not grouped by its protocol. MLflow sorts groups by
+# The group in MLflow of each metric that is not grouped by its protocol. MLflow sorts groups by
 # name: `accepted` is to be first.
 GROUPS = {
     **dict.fromkeys(("accepted", "accepted_wrong", "refused", "refused_wrong"), "accepted"),
@@ -55,8 +59,8 @@ GROUPS = {
     "ece_raw": "calibration",
     PERCENTILE: "ageing",
 }
-# Protocol and number of the means over the test days that a method's run holds; without them
-# MLflow's table of runs would show the numbers of the last day alone.
+# Protocol and metric of the means over the test days that a method's run holds; without them
+# MLflow's table of runs would show the values of the last day alone.
 MEANS = (
     ("cells", "auc_top1"),
     ("cells", "recall_at_1"),
@@ -68,7 +72,7 @@ MEANS = (
     ("distance", "heading_within_10deg"),
 )
 DIGEST_LENGTH = 8  # characters, as many as MLflow's own digests of data sets have
-LARGEST = 1e30  # a larger number is a threshold that rejects nothing, and is not shown
+LARGEST = 1e30  # a larger value is a threshold that rejects nothing, and is not shown
 LONGEST_NAME = 240  # characters of a run's name: MLflow's databases hold 250
 Series = dict[str, list[tuple[int, float]]]  # name of a metric to its points: (step, value)
 
@@ -85,46 +89,52 @@ class StudyRuns:
 
     def method_run(
         self,
-        answerer: ModelName,
+        model_name: ModelName,
         arrays: Mapping[str, NDArray[Any]],
         recipe: Mapping[str, str],
         extra_series: Series,
     ) -> RunRecord:
-        """The run of a method, or of its answers with poses, with a child for each test sequence.
+        """The run of a method, or of its pose variant, with a child for each test sequence.
 
-        `answerer` names the model, and whether its answers have poses. In the table of results,
-        answers with poses have a variant of their own, such as `pose`. `arrays` and `recipe` are
-        what the model's file holds; `extra_series` are further metrics.
+        `model_name` names the model, and whether its answers carry poses; the table of results has
+        such answers under a variant of their own, such as `pose`. `arrays` and `recipe` are what
+        the model's file holds; `extra_series` are further metrics.
         """
         study = self.study
-        family = answerer.family  # the method, and its variant if it has one
-        rows = pick(self.rows, model=family, seed=0)
+        method_and_variant = model_name.family  # such as `sci` or `sci-pose`
+        rows = pick(self.rows, model=method_and_variant, seed=0)
         unperturbed = pick(rows, ask=UNPERTURBED)
         tested = rows[rows["sequence"].isin(study.tests)]
         series = days_series(tested) | mean_series(tested) | training_series(arrays)
         series |= ageing_series(unperturbed) | viewpoint_series(rows) | extra_series
-        where = {"dataset": study.name, "grid": self.grid}
-        run_colour = colour(family)
-        if answerer.posed:
+        dataset_and_grid = {"dataset": study.name, "grid": self.grid}
+        run_colour = colour(method_and_variant)
+        if model_name.posed:
             run_colour = darker(run_colour)
         run = RunRecord(
-            name=self.run_name(family),
-            tags={COLOUR: run_colour, **where, "method": family, "data": self.data},
-            params={**where, "train": study.train_text, **recipe},
+            name=self.run_name(method_and_variant),
+            tags={
+                COLOUR: run_colour,
+                **dataset_and_grid,
+                "method": method_and_variant,
+                "data": self.data,
+            },
+            params={**dataset_and_grid, "train": study.train_text, **recipe},
             series=series,
-            figures=self.figure_files(family),
-            # a model is registered once, not again for its answers with poses
-            registered="" if answerer.posed else self._registered(family),
+            figures=self.figure_files(method_and_variant),
+            # a model is registered once, not again for its pose variant
+            registered="" if model_name.posed else self._registered(method_and_variant),
             about=self._about(
                 "run.md.j2",
                 what=description_of(recipe.get("_target_", "")),
-                method=family,
+                method=method_and_variant,
+                # the fraction of its full training that the study's budget gives the method
                 share=recipe.get("budget", ""),
                 places=len(arrays.get("place_xy_m", ())),
             ),
             used=used_sequences(study, study.tests, self.lock),
         )
-        children = [self._day(run, family, test, tested) for test in study.tests]
+        children = [self._day(run, method_and_variant, test, tested) for test in study.tests]
         return replace(run, children=children)
 
     def _day(self, run: RunRecord, model: str, test: str, rows: pd.DataFrame) -> RunRecord:
@@ -149,7 +159,7 @@ class StudyRuns:
     def run_name(self, model: str) -> str:
         """The name of a model's run, with the grid if the study has several.
 
-        It is short, since a chart's legend has two lines for the names of all runs.
+        It is short, since MLflow's legend has room for two lines of run names.
         """
         return model if self.study.grid_names == [self.grid] else f"{model} {self.grid}"
 
@@ -196,17 +206,21 @@ def used_sequences(
 ) -> list[UsedSequence]:
     """The training sequences, if `with_training`, and the test sequences.
 
-    A digest is of the sequence's name and the digest of the study's submaps in DVC's lock files;
-    if they record none, of the name and the study's settings.
+    A digest covers the sequence's name, and the digest of the study's submaps in DVC's lock files,
+    or the study's settings if the lock files record no submaps.
     """
     folder = Layout().path("submaps", study.name).as_posix()
-    made_of = lock.of(folder)[0] or json.dumps(study.table(), sort_keys=True, default=str)
+    submaps_digest = lock.of(folder)[0] or json.dumps(study.table(), sort_keys=True, default=str)
+    digests = {
+        sequence: hashlib.sha256(f"{submaps_digest} {sequence}".encode()).hexdigest()
+        for sequence in (*study.train, *tests)
+    }
     training = study.train if with_training else ()
     contexts = dict.fromkeys(training, "train") | dict.fromkeys(tests, "test")
     return [
         UsedSequence(
             name=f"{study.name} {sequence}",
-            digest=hashlib.sha256(f"{made_of} {sequence}".encode()).hexdigest()[:DIGEST_LENGTH],
+            digest=digests[sequence][:DIGEST_LENGTH],
             context=context,
             source=Layout().path("submaps", study.name, sequence).as_posix(),
         )
@@ -215,19 +229,19 @@ def used_sequences(
 
 
 def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:
-    """The runs of a study of learning further days: one for each course.
+    """The runs of a study of learning further days: one for each course and model.
 
-    A course is a strategy with a model and an order of the days. Its metrics are means over the
-    seeds, with a point for each step; a step learns a day.
+    A course is an order of the days and a strategy of learning them; in the table of results, the
+    column `of` holds both, such as `days incremental`. Its metrics are means over the seeds, with a
+    point for each step; a step learns a day, or a part of one.
     """
     study = study_runs.study
     rows = pick(study_runs.rows, ask=COURSE)
     rows = rows[np.isfinite(rows["value"])]
-    # a course is the order and the strategy, such as `days incremental`
     strategies = rows["of"].str.partition(" ")[2].unique().tolist()
-    for (name, model), group in rows.groupby(["of", "model"], sort=False):
-        order, _, strategy = name.partition(" ")
-        course = {
+    for (course, model), group in rows.groupby(["of", "model"], sort=False):
+        order, _, strategy = course.partition(" ")
+        labels = {
             "dataset": study.name,
             "grid": study_runs.grid,
             "model": model,
@@ -238,34 +252,34 @@ def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:
         places = pick(group, number="places").sort_values("at")
         steps = places["sequence"].unique().tolist()
         yield RunRecord(
-            name=f"{study_runs.run_name(course['model'])} {order} {strategy}",
+            name=f"{study_runs.run_name(model)} {order} {strategy}",
             tags={
                 COLOUR: PALETTE[strategies.index(strategy) % len(PALETTE)],
                 "data": study_runs.data,
-                **course,
+                **labels,
             },
             params={
-                **course,
+                **labels,
                 "train": study.train_text,
                 "seeds": len(seeds),
                 "budget": study.budget,
             },
             series=step_series(group),
-            figures=study_runs.figure_files(course["model"]),
+            figures=study_runs.figure_files(model),
             about=filled(
                 "course.md.j2",
-                **course,
+                **labels,
                 steps=steps,
                 queried=study.tests,
                 seeds=seeds,
                 simulated=study.simulated,
             ),
-            used=used_sequences(_trained_on(study, steps), study.tests, study_runs.lock),
+            used=used_sequences(_with_training(study, steps), study.tests, study_runs.lock),
         )
 
 
-def _trained_on(study: Study, steps: Sequence[str]) -> Study:
-    """The study as if trained on its steps, so that `used_sequences` names what they learned."""
+def _with_training(study: Study, steps: Sequence[str]) -> Study:
+    """A copy of the study whose training sequences are these steps, for `used_sequences`."""
     sequences = {*study.train, *study.learned, *study.self_training}
     # a step may also be a part of a day, which is no sequence
     return replace(study, train=tuple(step for step in steps if step in sequences))
@@ -285,6 +299,7 @@ def of_sweep(
         for record in records
     ]
     names = dict.fromkeys(name for job in settings for name in job)
+    # each setting to its values in the order of the jobs, such as "1,2,4"
     swept = {
         name: ",".join(dict.fromkeys(job[name] for job in settings if name in job))
         for name in names
@@ -327,12 +342,12 @@ def _short(values: Mapping[str, str]) -> str:
 
 
 def days_series(rows: pd.DataFrame) -> Series:
-    """Every number of unperturbed queries over the days since training, named as `cells/auc_top1`.
+    """Every metric of unperturbed queries over the days since training, such as `cells/auc_top1`.
 
-    Numbers of a further kind of novelty are named as `rejection/energy_auroc`.
+    Metrics of other novelty measures have names such as `rejection/energy_auroc`.
     """
     is_shown = np.isfinite(rows["days"]) & (rows["value"].abs() <= LARGEST)
-    # a `…_line` is the value of a fitted line on that day, which `ageing_series` sums up
+    # skip `*_line`: fitted trend values, covered by `ageing_series`
     rows = rows[is_shown & ~rows["number"].str.endswith("_line")]
     plain = pick(rows, ask=UNPERTURBED)
     groups = plain["number"].map(GROUPS).fillna(plain["protocol"])
@@ -365,12 +380,12 @@ def training_series(arrays: Mapping[str, NDArray[Any]]) -> Series:
 
 
 def ageing_series(rows: pd.DataFrame) -> Series:
-    """The change of each number per 100 days with its interval, and when to train again.
+    """The change of each metric per 100 days with its interval, and when to train again.
 
     They are single values at step 0: MLflow draws a metric whose only step is 0 as bars over the
     runs, and any other as a line, which would be a dot.
     """
-    # rows of all days together have no sequence
+    # rows over all days have sequence ""
     year_rows = pick(rows, sequence="").set_index(["protocol", "number"])
     series = Series()
     for protocol, number in AGEING:
@@ -391,9 +406,10 @@ def ageing_series(rows: pd.DataFrame) -> Series:
 
 
 def viewpoint_series(rows: pd.DataFrame) -> Series:
-    """Numbers of paper 2's protocol over the heading of the queries, cut to whole degrees.
+    """Metrics of queries seen from other headings, over the heading, truncated to whole degrees.
 
-    Paper 2 is IROS 2018's on unsupervised features of bird-views.
+    The protocol is that of Yin et al., "Stabilize an Unsupervised Feature Learning for LiDAR-based
+    Place Recognition" (IROS 2018).
     """
     turned = pick(rows[np.isfinite(rows["value"])], of=HEADING)
     names = "viewpoints/" + turned["number"] + " " + turned["sequence"]
@@ -401,9 +417,9 @@ def viewpoint_series(rows: pd.DataFrame) -> Series:
 
 
 def step_series(rows: pd.DataFrame) -> Series:
-    """Each number of a strategy over its steps: the mean over the seeds.
+    """Each metric of a course over its steps: the mean over the seeds.
 
-    The recall of each queried day, or part of the site, is in a group of its own.
+    The recall@1 of each queried day, or part of the site, is in a group of its own.
     """
     # rows without a protocol are costs, such as the number of places
     plain_names = rows["protocol"].replace("", "cost") + "/" + rows["number"]
@@ -414,7 +430,7 @@ def step_series(rows: pd.DataFrame) -> Series:
 
 
 def _points(rows: pd.DataFrame, names: pd.Series, step_column: str) -> Series:
-    """The points of each metric: its values over the steps, which are cut to whole numbers."""
+    """The points of each metric: its values over the steps, which are truncated to integers."""
     series = {}
     for name, group in rows.groupby(names):
         steps = group[step_column].astype(int).tolist()

@@ -1,7 +1,8 @@
-"""Numbers over the days since training with a fitted line, and the slopes of those lines.
+"""Metrics over the days since training with a fitted line, and the slopes of those lines.
 
 In: rows of the table of results, of models on unperturbed queries and of the oracle, which answers
-each query with its nearest training pose. The lines were fitted where the table was made.
+each query with the place of the nearest training anchor. The lines were fitted where the table was
+made.
 """
 
 from collections.abc import Sequence
@@ -24,7 +25,7 @@ ROOM = 2.5  # a panel of slopes reaches so many times as far as the steepest; lo
 
 
 class FollowedNumber(NamedTuple):
-    """A number that is drawn over the days."""
+    """A metric that is drawn over the days."""
 
     protocol: str
     number: str  # its name in the table of results
@@ -33,7 +34,7 @@ class FollowedNumber(NamedTuple):
 
 @styled
 def lines(rows: pd.DataFrame, followed: Sequence[FollowedNumber]) -> Figure:
-    """A row per model, a column per number: points and fitted line with their 95 % intervals.
+    """A row per model, a column per metric: points and fitted line with their 95 % intervals.
 
     The slope is written in the panel, bold if its interval does not contain 0.
     """
@@ -42,7 +43,7 @@ def lines(rows: pd.DataFrame, followed: Sequence[FollowedNumber]) -> Figure:
     axes = fig.subplots(len(shades), len(followed), squeeze=False, sharex=True, sharey="col")
     for column, (protocol, number, title) in zip(axes.T, followed, strict=True):
         column[0].set_title(title.replace(", ", "\n", 1), pad=5)
-        # the percentile of novelty rises with age from 0 to 100, other numbers fall from 1 to 0
+        # the percentile of novelty rises with age from 0 to 100, other metrics fall from 1 to 0
         column[0].set_ylim(*((-4.0, 104.0) if number == PERCENTILE else (0.0, 1.04)))
         protocol_rows = pick(rows, protocol=protocol).sort_values("days")
         oracle = pick(protocol_rows, method=ORACLE, number=f"{number}_line")
@@ -65,7 +66,7 @@ def lines(rows: pd.DataFrame, followed: Sequence[FollowedNumber]) -> Figure:
 
 @styled
 def slopes(rows: pd.DataFrame, followed: Sequence[FollowedNumber]) -> Figure:
-    """A panel per number, a row per model: the slope with its interval, filled if it is clear."""
+    """A panel per metric, a row per model: the slope with its interval, filled if it is clear."""
     models = _models(rows, followed)
     shades = tints(models) | ({ORACLE: QUIET} if ORACLE in models else {})
     fig = figure(WIDTH_IN, 0.95 + 0.21 * len(models), f"Change per {PER_DAYS} days since training")
@@ -86,7 +87,7 @@ def slopes(rows: pd.DataFrame, followed: Sequence[FollowedNumber]) -> Figure:
 
 
 def _models(rows: pd.DataFrame, followed: Sequence[FollowedNumber]) -> list[str]:
-    """The models for which any of the numbers has a line, the oracle among them."""
+    """The models for which any of the metrics has a line, the oracle among them."""
     fitted = [
         pick(rows, protocol=drawn.protocol, number=f"{drawn.number}_line") for drawn in followed
     ]
@@ -97,7 +98,7 @@ def _models(rows: pd.DataFrame, followed: Sequence[FollowedNumber]) -> list[str]
 
 
 def _slope_name(number: str) -> str:
-    """The name in the table of results of the slope of a number."""
+    """The name in the table of results of the slope of a metric."""
     return f"{number}_per_{PER_DAYS}_days"
 
 

@@ -199,8 +199,9 @@ def recall_at(results: Sequence[Result]) -> Figure:
 def history(curves: Mapping[str, NDArray[np.float64]], best: int | None, model: str) -> Figure:
     """The training of a model: a panel per metric, its curves on training and validation blocks.
 
-    `curves` maps names to values (round,); a round is a group of epochs after which the model is
-    validated. `best` is the round whose model was kept, from 0; None if the model does not say.
+    `curves` maps names to values (round,). A round is an epoch, or in an adversarial training some
+    batches for each network and then a validation. `best` is the round whose model was kept, from
+    0; None if the model does not say.
     """
     names = sorted({name.removeprefix(VALIDATION) for name in curves})
     rounds = np.arange(1, len(next(iter(curves.values()))) + 1)

@@ -1,4 +1,4 @@
-"""Each model's numbers over the distance to the nearest real change: a building up or down.
+"""Each model's metrics over the distance to the nearest real change: a building up or down.
 
 In: rows of the table of results, which are of queries near a change that shows, or near one that
 is still to come. Out: one figure, with both beside each other in each band of distance.
@@ -18,9 +18,9 @@ from pipeline.report.figures.panels import draw_dots
 from pipeline.report.figures.style import WIDTH_IN, below, dot, figure, folded, styled, tints
 
 NEAR = {"recall_at_1": "recall@1", "auc_exact_top1": "exact AUC"}
-OFFSET = 0.13  # of the two markers from the middle of a band, whose width is 1
-PALE = 0.3  # opacity of a number of few queries
-# How numbers near a change that is still to come are drawn: grey and hollow.
+OFFSET = 0.13  # of each of the two markers from the middle of a band; bands are 1 apart
+PALE = 0.3  # opacity of a value of few queries
+# Values near a change that is still to come are drawn grey and hollow.
 LATER = "0.6"
 
 
@@ -28,9 +28,9 @@ LATER = "0.6"
 def by_distance(
     rows: pd.DataFrame, models: Sequence[str], bands: Mapping[float, str], least_queries: int
 ) -> Figure:
-    """A row per model, a column per number and protocol: a value per band with its 95 % interval.
+    """A row per model, a column per metric and protocol: a value per band with its 95 % interval.
 
-    `bands` maps the farthest distance of a band in metres to its name. Numbers of fewer than
+    `bands` maps the farthest distance of a band in metres to its name. Values of fewer than
     `least_queries` seen queries are pale; hollow ones are near a change that is still to come. Bars
     below count the queries.
     """
@@ -39,7 +39,7 @@ def by_distance(
     numbers = indexed(near, "of", "method", "protocol", "number", "at")
 
     def over_bands(when: str, model: str, protocol: str, number: str) -> NDArray[np.float64]:
-        """Value, low and high of a number in each band (band, 3)."""
+        """Value, low and high of a metric in each band (band, 3)."""
         return np.array([numbers[when, model, protocol, number, edge_m] for edge_m in bands])
 
     fig = figure(

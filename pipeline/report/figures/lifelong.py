@@ -1,7 +1,7 @@
 """Draws the learning of further days: recall after each step, and since when places are known.
 
-A model learns one day (or one part of a day) a step, by one of several strategies and in one of
-several orders; after each step the same days are queried.
+A model learns one day (or one part of a day) in each step. A strategy says how it learns, such as
+`incremental`, and an order which day comes when; after each step the same days are queried.
 """
 
 import math
@@ -28,7 +28,7 @@ from pipeline.report.result import day
 from pipeline.report.table import MISSING, short
 from pipeline.studies.colours import MARKERS, PALETTE
 
-DARK = 0.6  # from this share of the colours on, the number in a cell is white
+DARK = 0.6  # from this fraction of the colour scale on, the number in a cell is white
 ALONE_IN = 4.2  # width of a single matrix
 LEAST_SPAN = 0.1  # a scale of recall or forgetting spans at least this
 PATH: Any = {"color": "0.15", "lw": 0.5}  # the training path, above the queries
@@ -88,7 +88,7 @@ def over_steps(
     numbers: Mapping[str, Mapping[tuple[str, str], NDArray[np.float64]]],
     heading: str,
 ) -> Figure:
-    """Numbers over the steps: a column of panels per order, a row per number.
+    """Metrics over the steps: a column of panels per order, a row per metric.
 
     `orders` maps an order to its steps; `numbers` maps a title to the values (seed, step) of each
     order and strategy. A line joins the means, thin lines are single seeds; each panel has its own

@@ -1,4 +1,4 @@
-"""Fig. 7 of the SCI paper: queries beside the training images that they were matched with.
+"""Fig. 7 of the SCI paper (Kim, Park and Kim, RA-L 2019): queries beside their matched images.
 
 `choose` picks a model's examples: right answers over the year, and of each kind of wrong answers
 those of least novelty, of which the model was surest. `matches` draws them, a row each.
@@ -20,7 +20,7 @@ from pipeline.report.figures.style import WIDTH_IN, figure, styled
 from pipeline.report.result import Result
 from pipeline.views.scan_context import colorize
 
-RIGHT_SEQUENCES = 3  # so many sequences have a right example
+RIGHT_SEQUENCES = 3  # the number of sequences that have a right example
 # Kinds of wrong answers, and how many examples to show of each; see `_is_kind`.
 NEXT_CELL = "next cell"
 MISPLACED = "misplaced"

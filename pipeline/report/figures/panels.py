@@ -2,7 +2,8 @@
 
 `facets` makes a figure with a panel per item. `draw_lines` draws the lines of models over something
 with the spread of their values, `draw_dots` values with bars beside or below each other;
-`name_ends` and `name_rows` name them. `calibration` draws shares over probabilities.
+`name_ends` and `name_rows` name them. `calibration` draws how often answers are right over their
+probability. A share is a fraction between 0 and 1.
 """
 
 import math
@@ -43,7 +44,8 @@ class Line(NamedTuple):
     y: Any  # (n,) NaN where there is no value
     style: Mapping[str, Any]  # its colour, and what else is not as in CURVE
     ends: Any = None  # (2, n) the ends of each value's interval
-    members: Any = None  # (member, n) the values that each is the mean of
+    # (member, n) the values whose mean each y is, such as one row per sequence; drawn as thin lines
+    members: Any = None
 
     @classmethod
     def mean(
@@ -122,7 +124,7 @@ def draw_lines(axis: Axes, drawn: Sequence[Line], band: bool = False) -> None:
 
 
 def oracle(x: Sequence[float], shares: Sequence[float], name: str = "oracle") -> Line:
-    """The recall@1 (n,) of answering with the nearest training pose, in grey."""
+    """The recall@1 (n,) of answering with the place of the nearest training anchor, in grey."""
     style = {"color": QUIET, "lw": 0.8, "marker": "o" if len(x) == 1 else "", "zorder": 2}
     return Line(name, x, np.asarray(shares, np.float64), style)
 

@@ -1,8 +1,8 @@
 """How a model rejects queries that it takes for new: novelty, thresholds and calibration.
 
 In: the results of one model on the test sequences. `histograms` shows the novelty of right, wrong
-and unseen queries, `rejection` precision and recall at the threshold of each kind of novelty, and
-`diagram` whether its confidence is the share of its answers that is right.
+and unseen queries, `rejection` precision and recall at the threshold of each novelty measure,
+and `diagram` whether its confidence is the fraction of its answers that is right.
 """
 
 from collections.abc import Sequence
@@ -41,7 +41,7 @@ LEGEND = (
     Line2D([], [], color=UNSEEN, lw=1.2, label="unseen"),
     Line2D([], [], label="rejected from here on", **MARK),
 )
-# Colour and marker of each kind of novelty, the one in use first; they differ in grey too.
+# Colour and marker of each novelty measure, the one in use first; they differ in grey too.
 KINDS = (
     ("#111111", "o"),
     ("#DDAA33", "s"),
@@ -55,9 +55,10 @@ LONG_BAR = 0.15  # an interval that reaches farther below the lowest value is cu
 
 @styled
 def histograms(group: Sequence[Result], protocol: str) -> Figure:
-    """Fig. 4 of the SCI paper: densities of a model's novelty, a panel per test sequence.
+    """Densities of a model's novelty, a panel per test sequence.
 
-    Right and misplaced seen queries are stacked; unseen queries are a line.
+    It is Fig. 4 of the SCI paper (Kim, Park and Kim, RA-L 2019). Right and misplaced seen queries
+    are stacked; unseen queries are a line.
     """
     kind = group[0].evaluation.kinds[0].replace("_", " ")
     novelties = np.concatenate([result.evaluation.novelty[:, 0] for result in group])
@@ -107,10 +108,10 @@ def _histogram(axis: Axes, result: Result, protocol: str, edges: NDArray[np.floa
 
 @styled
 def rejection(group: Sequence[Result]) -> Figure:
-    """Precision and recall of a model at the threshold of each kind of novelty.
+    """Precision and recall of a model at the threshold of each novelty measure.
 
-    Thresholds were chosen on validation blocks of training, for a target precision that a kind may
-    not have reached there.
+    Thresholds were chosen on validation blocks of training, for a target precision that a novelty
+    measure may not have reached there.
     """
     kinds = group[0].evaluation.kinds[: len(KINDS)]
     target = group[0].target_precision
@@ -173,9 +174,9 @@ def confidences(results: Sequence[Result]) -> list[tuple[str, Reliability, float
 
 @styled
 def diagram(results: Sequence[Result]) -> Figure | None:
-    """Share of right answers over confidence: of those with 80 %, are 80 % right?
+    """Fraction of right answers over confidence: of those with 80 %, are 80 % right?
 
-    Below stands the share of the queries in each bin. The mean distance to the diagonal over the
+    Below stands the fraction of the queries in each bin. The mean distance to the diagonal over the
     queries is the ECE. None for a model without confidence.
     """
     if not (calibrations := confidences(results)):

@@ -74,8 +74,8 @@ def _panel(
     measure: Measure,
     is_numeric: bool,
 ) -> None:
-    """Draw one number: means as lines, test sequences as dots and failed jobs as crosses."""
-    at: dict[float, list[float]] = {}  # the values of the oracle
+    """Draw one measure: means as lines, test sequences as dots and failed jobs as crosses."""
+    oracle_values_at: dict[float, list[float]] = {}  # x to the values of the oracle
     for i, (name, jobs) in enumerate(lines.items()):
         style = {
             "color": PALETTE[i % len(PALETTE)],
@@ -89,10 +89,12 @@ def _panel(
         for x, values in drawn:
             axis.scatter([x] * len(values), values, 7, style["color"], **FAINT)
         for x, job in jobs:
-            at.setdefault(x, []).extend(job.values(measure.protocol, "oracle"))
+            oracle_values_at.setdefault(x, []).extend(job.values(measure.protocol, "oracle"))
             if job.error is not None:
                 lowest = axis.get_xaxis_transform()
                 axis.plot(x, 0, "x", color=style["color"], transform=lowest, **CROSS)
-    means_at = {x: float(np.mean(values)) for x, values in sorted(at.items()) if values}
+    means_at = {
+        x: float(np.mean(values)) for x, values in sorted(oracle_values_at.items()) if values
+    }
     draw_lines(axis, [oracle(list(means_at), list(means_at.values()), "oracle recall@1")])
     axis.set_ylim(None, min(axis.get_ylim()[1], 1.005))

@@ -75,9 +75,9 @@ def verdicts(group: Sequence[Result]) -> Figure:
 
 @styled
 def probabilities(group: Sequence[Result]) -> Figure:
-    """Share of right poses over their probability of being right, a panel per test sequence.
+    """Fraction of right poses over their probability of being right, a panel per test sequence.
 
-    The area of a marker is the share of the queries that have such a probability.
+    The area of a marker is the fraction of the queries that have such a probability.
     """
     fig, panels = facets(
         group,

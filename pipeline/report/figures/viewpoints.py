@@ -1,5 +1,8 @@
 """Fig. 5 to 7 of paper 2: matching from another heading, reconstructions, and collapse.
 
+Paper 2 is Yin et al., "Stabilize an Unsupervised Feature Learning for LiDAR-based Place
+Recognition" (IROS 2018).
+
 In: how the queries of a sequence, turned to other headings, were matched with the sequence itself;
 what networks reconstruct of a view from its code; and the curves of their training.
 """
@@ -37,14 +40,15 @@ from pipeline.report.figures.style import (
 from pipeline.report.table import fixed
 from pipeline.studies.colours import colour
 
-# The numbers of `ViewpointMatches` that are drawn, and their titles.
+# The metrics of `ViewpointMatches` that are drawn, and their titles.
 INDICES = {
     "roc_auc": "ROC-AUC, the paper's index",
     "pr_auc": "PR-AUC, of the correct matches",
     "accuracy": "accuracy within {correct_m:g} m",
     "recall": f"recall of all queries at {PRECISE:.0%} precision",
 }
-# The training curves (round,) that are drawn, and their titles.
+# The training curves (round,) that are drawn, and their titles. A round is some batches for each
+# network, and then a validation.
 COLLAPSE = {
     "code_variance": "variance of the codes",
     "code_distance": "mean distance between codes",
@@ -61,8 +65,8 @@ CROWDED = 0.6
 def precision_recall(group: Mapping[str, Sequence[ViewpointMatches]], sequence: str) -> Figure:
     """Fig. 5: precision over recall in one sequence: a panel per heading, curves of all models.
 
-    Recall is a share of the model's own correct matches, so curves of models of different accuracy
-    do not compare. The mean accuracy of each model stands in the panel.
+    Recall is a fraction of the model's own correct matches, so curves of models of different
+    accuracy do not compare. The mean accuracy of each model stands in the panel.
     """
     styles = line_styles(group)
     fig, panels = facets(
@@ -92,9 +96,9 @@ def precision_recall(group: Mapping[str, Sequence[ViewpointMatches]], sequence: 
                     if recall[-1] > 0
                 ],
             )
-            share = fixed(accuracy[model][i], 3)
+            shown_accuracy = fixed(accuracy[model][i], 3)
             tint = styles[model]["color"]
-            in_corner(axis, share, tint, lines_away=number, is_upper=is_upper)
+            in_corner(axis, shown_accuracy, tint, lines_away=number, is_upper=is_upper)
         precision_axes(axis, f"{deg:g}°")
     below(fig, handles(group), title="number: accuracy, the share that is correct")
     return fig
@@ -106,9 +110,9 @@ def indices(
     headings_deg: Sequence[float],
     correct_m: float,
 ) -> Figure:
-    """Fig. 6: each number over the headings, models side by side.
+    """Fig. 6: each metric over the headings, models side by side.
 
-    `values` maps a model and number to its values (sequence and seed, heading), NaN where there is
+    `values` maps a model and metric to its values (sequence and seed, heading), NaN where there is
     none. Lines join their means, and thin lines are single ones.
     """
     styles = line_styles(dict.fromkeys(model for model, _ in values))

@@ -1,7 +1,8 @@
 """What methods look at: one place as a Scan Context, and a scan as it becomes a bird-view.
 
-`place` draws Fig. 3, 5 and 9(a) of the SCI paper, `bird_view` Fig. 2 of paper 2 (IROS 2018, on
-unsupervised features of bird-views). All clouds are seen from above, with the robot's front up: x
+`place` draws Fig. 3, 5 and 9(a) of the SCI paper (Kim, Park and Kim, RA-L 2019), `bird_view` Fig. 2
+of paper 2 (Yin et al., IROS 2018, "Stabilize an Unsupervised Feature Learning for LiDAR-based Place
+Recognition"). All clouds are seen from above, with the robot's front up: x
 is drawn upwards, and y to the left.
 """
 

@@ -2,7 +2,8 @@
 
 In: a study. Out: a section for each perturbation of its queries (turned queries, directions
 removed, new walls), one on stress sequences, one on buildings that went up or came down, and one on
-the cell size, each with its figures drawn (Fig. 9 to 11 of the SCI paper).
+the cell size, each with its figures drawn (Fig. 9 to 11 of the SCI paper: Kim, Park and Kim, RA-L
+2019).
 """
 
 from collections.abc import Iterator, Sequence

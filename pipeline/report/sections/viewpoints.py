@@ -1,6 +1,7 @@
 """The section on paper 2's protocol: a sequence matched with itself from other headings.
 
-Paper 2 is IROS 2018's on unsupervised features of bird-views. In: a study with methods that look at
+Paper 2 is Yin et al., "Stabilize an Unsupervised Feature Learning for LiDAR-based Place
+Recognition" (IROS 2018). In: a study with methods that look at
 bird-views. Out: the section with its figures (Fig. 2 and 5 to 7 of that paper) and tables.
 """
 
