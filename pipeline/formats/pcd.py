@@ -22,7 +22,7 @@ from pipeline.core.errors import LogError
 HEADER_BYTES = 65_536
 """Limit for the header, which usually has a few hundred bytes.
 
-A file without a DATA line before it is not a PCD.
+A file without a DATA line within this limit is not a PCD.
 """
 MAX_EXPANSION = 88
 """Largest expansion of LZF: three bytes encode at most 264."""
@@ -30,7 +30,7 @@ SIZES_BYTES = 8
 """Two 32-bit numbers before a compressed block: its packed and its unpacked bytes."""
 AXES = ("x", "y", "z")
 KINDS = {"F": "f", "I": "i", "U": "u"}
-"""numpy's kinds of numbers by those of TYPE."""
+"""numpy's letter for a kind of number, by the letter of TYPE: float, signed, unsigned."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Header:
         return [self.fields.index(axis) for axis in AXES]
 
     def widths(self) -> list[int]:
-        """Bytes of each field in a record."""
+        """The size of each field in a point's record, in bytes."""
         return [
             np.dtype(kind).itemsize * count
             for kind, count in zip(self.types, self.counts, strict=True)
@@ -63,7 +63,7 @@ class Header:
 
 
 def decode(data: bytes, path: Path, max_bytes: int) -> NDArray[np.float64]:
-    """Points (n, 3) from the bytes of a PCD, in its frame and unit, NaN where the file has NaN.
+    """Points (n, 3) from the bytes of a PCD, in its frame and unit; NaN where the file has NaN.
 
     Raises LogError, which names `path`, for a file that is not PCD 0.7, is cut short, or would
     unpack to more than `max_bytes` bytes.
@@ -79,7 +79,7 @@ def decode(data: bytes, path: Path, max_bytes: int) -> NDArray[np.float64]:
 
 
 def encode(points_m: NDArray[np.floating]) -> bytes:
-    """A binary PCD of points (n, 3), as 32-bit floats."""
+    """A binary PCD of points (n, 3) in metres, stored as 32-bit floats."""
     count = len(points_m)
     header = (
         "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
@@ -144,7 +144,7 @@ def _type(path: Path, kind: str, size: str) -> str:
 
 
 def _number(path: Path, key: str, entries: dict[str, list[str]]) -> int:
-    """The only number in the line `key` of the header."""
+    """The only number in the header's line `key`."""
     words = entries.get(key, [])
     if len(words) != 1:
         raise LogError(f"{path}: its header has no line '{key} NUMBER'")
@@ -152,7 +152,7 @@ def _number(path: Path, key: str, entries: dict[str, list[str]]) -> int:
 
 
 def _numbers(path: Path, key: str, words: list[str]) -> list[int]:
-    """The words of the line `key` of the header as numbers."""
+    """The words of the header's line `key` as whole numbers."""
     if not all(word.isdecimal() and word.isascii() and len(word) < 16 for word in words):
         raise LogError(f"{path}: {key} {' '.join(words)[:60]}; expected whole numbers")
     return [int(word) for word in words]
@@ -198,10 +198,11 @@ def _unpacked(path: Path, header: Header, body: memoryview, max_bytes: int) -> N
     packed_bytes, unpacked_bytes = (int(size) for size in np.frombuffer(body[:SIZES_BYTES], "<u4"))
     _refuse_wrong_size(path, header, unpacked_bytes)
     block_end = SIZES_BYTES + packed_bytes
-    if block_end > len(body) or any(body[block_end:]):  # some writers fill a page with zeros
+    # Some writers pad the file with zeros to a page, so zeros after the block are accepted.
+    if block_end > len(body) or any(body[block_end:]):
         raise LogError(
-            f"{path}: its block of {packed_bytes} compressed bytes is {len(body) - SIZES_BYTES} "
-            "bytes long; the file is damaged"
+            f"{path}: declares {packed_bytes} compressed bytes, {len(body) - SIZES_BYTES} follow; "
+            "the file is damaged"
         )
     if unpacked_bytes > min(MAX_EXPANSION * packed_bytes, max_bytes):
         raise LogError(
@@ -217,7 +218,7 @@ def _unpacked(path: Path, header: Header, body: memoryview, max_bytes: int) -> N
 def _xyz(
     header: Header, data: memoryview | NDArray[np.uint8], is_interleaved: bool
 ) -> NDArray[np.float64]:
-    """Points (n, 3) from one record after the other (interleaved), or one field after the other."""
+    """Points (n, 3) from data with the fields of a point together (interleaved), or apart."""
     points = header.points
     xyz = np.empty((points, 3))
     if not points:

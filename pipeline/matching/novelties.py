@@ -9,20 +9,20 @@ from scipy.special import entr, logsumexp, softmax
 
 
 def novelties(
-    logits: NDArray[np.float64], softness: float, likeness: NDArray[np.float64]
+    logits: NDArray[np.float64], temperature: float, max_cosine: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
     """Return each kind of novelty (n,) of n queries by its name.
 
-    `logits` (n, places) are the network's outputs, `softness` is the temperature that calibrates
-    them (`matching.temperature`), and `likeness` (n,) is the cosine between the query's feature and
-    the most similar training feature. `entropy` is the paper's, `tempered_entropy` the entropy at
-    that temperature, and `energy` is from Liu et al., NeurIPS 2020.
+    `logits` (n, places) are the network's outputs, `temperature` is the one that calibrates them
+    (`matching.temperature`), and `max_cosine` (n,) is the largest cosine between the query's
+    feature and the features of the training views. `entropy` is the paper's, `tempered_entropy` is
+    the entropy at that temperature, and `energy` is from Liu et al., NeurIPS 2020.
     """
     return {
         "entropy": normalised_entropy(softmax(logits, axis=1)),
-        "tempered_entropy": normalised_entropy(softmax(logits / softness, axis=1)),
+        "tempered_entropy": normalised_entropy(softmax(logits / temperature, axis=1)),
         "energy": -np.asarray(logsumexp(logits, axis=1)),
-        "feature_distance": 1 - likeness.astype(np.float64),
+        "feature_distance": 1 - max_cosine.astype(np.float64),
     }
 
 

@@ -15,10 +15,10 @@ TOLERANCE = 1e-6
 """A minimum must lie at least this far below the losses at both ends of the range, in nats."""
 
 
-def temperature(logits: NDArray[np.float64], classes: NDArray[np.int64]) -> float:
-    """The temperature at which logits (n, classes) make the true `classes` (n,) most likely.
+def fit_temperature(logits: NDArray[np.float64], classes: NDArray[np.int64]) -> float:
+    """The temperature at which logits (n, k) make the true `classes` (n,) most likely.
 
-    It is 1 if n is 0.
+    Only temperatures within LOG_BOUNDS are searched. It is 1 if n is 0.
     """
     if not len(classes):
         return 1.0
@@ -30,15 +30,17 @@ def temperature(logits: NDArray[np.float64], classes: NDArray[np.int64]) -> floa
     return float(np.exp(minimum.x))
 
 
-def determined(softness: float, logits: NDArray[np.float64], classes: NDArray[np.int64]) -> bool:
-    """Whether the data determine a temperature: its loss is below the loss at both ends.
+def determines_temperature(
+    temperature: float, logits: NDArray[np.float64], classes: NDArray[np.int64]
+) -> bool:
+    """Whether the data determine the temperature that `fit_temperature` found for them.
 
-    They do not if there are no rows, or if all rows are right, since then the lowest temperature is
-    the best.
+    They do if its loss is below the losses at both ends of LOG_BOUNDS. They do not if there are no
+    rows, or if all rows are right, since then the lowest temperature is the best.
     """
     if not len(classes):
         return False
-    loss = _loss(logits, classes, np.log(softness))
+    loss = _loss(logits, classes, np.log(temperature))
     loss_at_ends = min(_loss(logits, classes, bound) for bound in LOG_BOUNDS)
     return loss < loss_at_ends - TOLERANCE
 

@@ -61,15 +61,15 @@ class Sci(Learner):
         return rolled(heights[trained[copy_numbers // self.n_way]], turns)
 
     @torch.inference_mode()
-    def predict(self, net: LeNet, heights: Tensor, forgotten: Tensor | None = None) -> Prediction:
+    def predict(self, net: LeNet, heights: Tensor, left_out: Tensor | None = None) -> Prediction:
         """Logits and features; the headings are NaN, since a class is a place at any heading."""
         net.eval()
         embedded = torch.cat(
             [self.embedded(net, part) for part in torch.split(heights, self.batch)]
         )
         logits = net.place_logits(embedded).cpu()
-        if forgotten is not None:
-            logits = logits.masked_fill(forgotten, -torch.inf)
+        if left_out is not None:
+            logits = logits.masked_fill(left_out, -torch.inf)
         return Prediction(
             logits, nn.functional.normalize(embedded).cpu(), torch.full_like(logits, torch.nan)
         )

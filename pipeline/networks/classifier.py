@@ -110,10 +110,11 @@ class Classifier(ABC):
         number."""
 
     @abstractmethod
-    def predict(self, net: Any, heights: Tensor, forgotten: Tensor | None = None) -> Prediction:
+    def predict(self, net: Any, heights: Tensor, left_out: Tensor | None = None) -> Prediction:
         """The network's outputs for heights (n, rings, sectors).
 
-        Places that are `forgotten` (n, places) get a logit of −∞.
+        The mask `left_out` (n, places) gives the places whose logit is set to −∞; None leaves out
+        no place.
         """
 
     @abstractmethod
@@ -144,19 +145,19 @@ class Classifier(ABC):
         return prediction
 
     def novelties(
-        self, logits: NDArray[np.float64], softness: float, likeness: NDArray[np.float64]
+        self, logits: NDArray[np.float64], temperature: float, max_cosine: NDArray[np.float64]
     ) -> Kinds:
         """Kinds of novelty of queries, the one in use first.
 
-        They follow from the logits (n, places), the temperature `softness`, and `likeness` (n,),
-        the cosine between the features of each query and of its most similar training view.
+        They follow from the logits (n, places), the calibrated temperature, and `max_cosine` (n,),
+        the largest cosine between the feature of a query and those of the training views.
         """
-        return novelties(logits, softness, likeness)
+        return novelties(logits, temperature, max_cosine)
 
     def localizer(self, model: Model) -> Localizer:
         """Rank the k places of highest softmax; the cost of each is 1 − its softmax."""
         place_xy = model["place_xy_m"]
-        softness = float(model["temperature"])
+        temperature = float(model["temperature"])
         rings, sectors = (int(side) for side in model["image_shape"])
         net = self.filled(model)
         loop.cast(net, device(), self.precision)
@@ -173,25 +174,25 @@ class Classifier(ABC):
             # The network's outputs, and the most similar training view of each query.
             with loop.reproducible(self.threads):
                 prediction = self.reranked(self.predict(net, heights), images, model)
-                most_like = [
+                maxima = [
                     (part @ memory.T).max(1)
                     for part in torch.split(prediction.features, QUERIES_AT_ONCE)
                 ]
-            likeness, likest_row = (
-                torch.cat(parts).numpy() for parts in zip(*most_like, strict=True)
+            max_cosine, most_similar_row = (
+                torch.cat(parts).numpy() for parts in zip(*maxima, strict=True)
             )
             # The places with the highest softmax.
-            scores = prediction.scores
-            probability = softmax(scores, axis=1)
+            logits = prediction.float64_logits
+            probability = softmax(logits, axis=1)
             places = np.argsort(-probability, axis=1, kind="stable")[:, :k]
             costs = 1 - np.take_along_axis(probability, places, axis=1)
             # Novelty and confidence at the temperature.
-            novelty = self.novelties(scores, softness, likeness)
-            confidence = softmax(scores / softness, axis=1).max(axis=1)
+            novelty = self.novelties(logits, temperature, max_cosine)
+            confidence = softmax(logits / temperature, axis=1).max(axis=1)
             return Ranking(
                 places=places.astype(np.int64),
                 costs=costs.astype(np.float32),
-                xy_m=self.positions(place_xy[places], model["memory_xy_m"][likest_row]),
+                xy_m=self.positions(place_xy[places], model["memory_xy_m"][most_similar_row]),
                 novelty=np.stack([*novelty.values()], axis=1).astype(np.float32),
                 confidence=confidence.astype(np.float32),
                 heading_deg=np.take_along_axis(prediction.heading_deg.numpy(), places, axis=1),
@@ -208,12 +209,12 @@ class Classifier(ABC):
         return loop.classify(answer, batch)
 
     def positions(
-        self, places_m: NDArray[np.float64], likest_m: NDArray[np.float64]
+        self, places_m: NDArray[np.float64], most_similar_m: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """World positions (n, k, 2) of the answers.
+        """World positions (n, k, 2) in metres of the answers.
 
         By default they are `places_m` (n, k, 2), the mean positions of each place's views.
-        `likest_m` (n, 2) are the positions of the queries' most similar training views.
+        `most_similar_m` (n, 2) are the positions of the queries' most similar training views.
         """
         return places_m
 
@@ -245,8 +246,8 @@ class Classifier(ABC):
 
 
 def rolled(heights: Tensor, turns: Tensor) -> Tensor:
-    """Heights (n, rings, sectors), each rolled by its own number of columns (n,)."""
+    """Heights (n, rings, sectors), each rolled by its own number of sectors, `turns` (n,)."""
     turns = turns.to(heights.device)
-    columns = torch.arange(heights.shape[2], device=heights.device) - turns[:, None]
-    columns %= heights.shape[2]
-    return heights.gather(2, columns[:, None].expand_as(heights))
+    sectors = torch.arange(heights.shape[2], device=heights.device) - turns[:, None]
+    sectors %= heights.shape[2]
+    return heights.gather(2, sectors[:, None].expand_as(heights))

@@ -34,7 +34,7 @@ from pipeline.networks.classifier import Classifier
 from pipeline.networks.lenet import device
 from pipeline.networks.training import Training, blocks
 
-SOFTNESS = 2.0
+DISTILLATION_TEMPERATURE = 2.0
 """Temperature at which the answers of the two networks are compared (Hinton et al., 2015)."""
 
 
@@ -63,11 +63,11 @@ class Learner(Classifier):
                 step=self.step,
             )
             curves = training.fit(trained, 1.0, judge=training.judge)
-            softness, evidence = training.evidence(trained, None)
+            temperature, evidence = training.evidence(trained, None)
             if self.refit:
                 trained = np.arange(len(data))
                 training.fit(trained, self.refit, "refit")
-            return training.model(softness, evidence, trained, curves)
+            return training.model(temperature, evidence, trained, curves)
 
     def extend(
         self, model: Model, known_set: TrainingSet, new_set: TrainingSet, progress: Progress
@@ -107,10 +107,10 @@ class Learner(Classifier):
             curves = training.fit(trained_rows[~is_validation[trained_rows]], self.incremental)
             # The queries are the validation views; they are matched against the other views.
             matched_rows = np.flatnonzero(~is_validation)
-            softness, evidence = training.evidence(matched_rows, model)
+            temperature, evidence = training.evidence(matched_rows, model)
             if self.refit:
                 training.fit(trained_rows, self.refit * self.incremental, "refit")
-            return training.model(softness, evidence, np.arange(len(data)), curves)
+            return training.model(temperature, evidence, np.arange(len(data)), curves)
 
 
 def hardest(logits: Tensor, places: NDArray[np.int64], count: int) -> NDArray[np.int64]:
@@ -177,8 +177,10 @@ def distilled(
     # number of places is the place.
     place_count = earlier_logits.shape[-1]
     logits = method.whole(answers[0]).float()[..., :place_count]
-    log_probabilities = (logits / SOFTNESS).flatten(1).log_softmax(1)
-    earlier_log_probabilities = (earlier_logits / SOFTNESS).flatten(1).log_softmax(1)
+    log_probabilities = (logits / DISTILLATION_TEMPERATURE).flatten(1).log_softmax(1)
+    earlier_log_probabilities = (
+        (earlier_logits / DISTILLATION_TEMPERATURE).flatten(1).log_softmax(1)
+    )
     divergence = nn.functional.kl_div(
         log_probabilities, earlier_log_probabilities, reduction="none", log_target=True
     ).sum(1)
@@ -186,4 +188,4 @@ def distilled(
     distance = (divergence * was_right).mean()
     # The gradient shrinks with the square of the temperature, which the factor compensates (Hinton
     # et al.).
-    return loss + method.distilled * SOFTNESS**2 * distance, right, count
+    return loss + method.distilled * DISTILLATION_TEMPERATURE**2 * distance, right, count

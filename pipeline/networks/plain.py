@@ -29,7 +29,7 @@ CONVOLUTIONS = (("features.0", "features.3"), ("features.4", "features.7"), ("fe
 """Names of each convolution and of the batch norm behind it; the last has no batch norm."""
 EPSILON = 1e-3
 """What the batch norms add to the variance."""
-HEADING_SOFTNESS = 2.0
+HEADING_TEMPERATURE = 2.0
 """Temperature of the softmax over a place's headings, whose circular mean is the answer: at 1 the
 mean is drawn to the nearest heading. Chosen on validation blocks of two simulated worlds."""
 
@@ -150,7 +150,7 @@ class Plain:
         # FC2, and each place's score and heading.
         logits = embedded @ weights["fc2.weight"].T + weights["fc2.bias"]  # (heading, place)
         scores = logsumexp(logits, axis=0)
-        heading_deg = _circular_mean_deg(softmax(logits / HEADING_SOFTNESS, axis=0))
+        heading_deg = _circular_mean_deg(softmax(logits / HEADING_TEMPERATURE, axis=0))
         # The features at the heading of the first place, interpolated between two headings.
         first_heading = heading_deg[scores.argmax()] * (count / 360)
         lower = int(np.floor(first_heading))

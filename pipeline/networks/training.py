@@ -18,7 +18,7 @@ from pipeline.matching.ranking import Model, TrainingSet
 from pipeline.matching.rejection import NoveltyEvidence
 from pipeline.networks import loop
 from pipeline.networks.classifier import Classifier
-from pipeline.networks.evidence import KnownViews, Prediction, judge_validation
+from pipeline.networks.evidence import KnownViews, Prediction, calibrate_on_validation
 from pipeline.networks.lenet import device
 
 
@@ -114,23 +114,23 @@ class Training:
             return earlier_temperature, NoveltyEvidence.of(earlier or {})
         all_views, feature_rows, remembered_arrays = self.remembered(rows)
         # Validation views must not be among the remembered views.
-        known_views = all_views.some(torch.isin(feature_rows, torch.from_numpy(rows)))
+        known_views = all_views.select(torch.isin(feature_rows, torch.from_numpy(rows)))
         images = self.images[self.is_validation]
 
-        def predict(heights: Tensor, forgotten: Tensor | None) -> Prediction:
+        def predict(heights: Tensor, left_out: Tensor | None) -> Prediction:
             """The outputs for validation views."""
-            prediction = self.method.predict(self.net, heights, forgotten)
+            prediction = self.method.predict(self.net, heights, left_out)
             return self.method.reranked(prediction, images, remembered_arrays)
 
         all_heights = KnownViews(self.heights, self.data.places, self.xy_m)
-        validation_views = all_heights.some(self.is_validation)
+        validation_views = all_heights.select(self.is_validation)
         block = holdout.numbered(
             self.data.views.world_T_anchor,
             self.is_validation,
             self.method.validation_every_m,
             self.method.validation_length_m,
         )
-        softness, evidence = judge_validation(
+        temperature, evidence = calibrate_on_validation(
             predict=predict,
             novelties=self.method.novelties,
             validation=validation_views,
@@ -143,10 +143,10 @@ class Training:
         )
         if earlier is not None:
             evidence = NoveltyEvidence.joined([NoveltyEvidence.of(earlier), evidence])
-        return softness, evidence
+        return temperature, evidence
 
     def model(
-        self, softness: float, evidence: NoveltyEvidence, rows: NDArray[np.int64], curves: Model
+        self, temperature: float, evidence: NoveltyEvidence, rows: NDArray[np.int64], curves: Model
     ) -> Model:
         """The arrays of the model, which remembers `rows`."""
         known_views, _, remembered_arrays = self.remembered(rows)
@@ -154,7 +154,7 @@ class Training:
             "place_xy_m": self.place_xy_m,
             "memory": known_views.content.numpy(),
             "memory_xy_m": known_views.xy_m,
-            "temperature": np.array(softness),
+            "temperature": np.array(temperature),
             "image_shape": np.array(self.images.shape[1:]),
         }
         return {

@@ -25,7 +25,7 @@ from pipeline.formats.bag_file import BagFile, find
 from pipeline.opening.opening import by_reader, scan_files
 from pipeline.readers import vehicle
 from pipeline.readers.bag_clouds import Clouds
-from pipeline.readers.bag_poses import KINDS, Track, track
+from pipeline.readers.bag_poses import KINDS, Track, read_track
 from pipeline.readers.deskew import NO_BREAKS, scan_at_stamp
 from pipeline.readers.log import READERS, Log, raised
 from pipeline.readers.log import extrinsic as given_extrinsic
@@ -196,7 +196,7 @@ class ScanOptions:
                 f"--odometry {self.odometry}: {path} has the poses "
                 f"{', '.join(sorted(pose_topics)) or 'none'}; or tf:PARENT>CHILD"
             )
-        return track(files, self.odometry, ODOMETRY_GAP_S)
+        return read_track(files, self.odometry, ODOMETRY_GAP_S)
 
 
 def decoded(data: bytes, path: Path) -> NDArray[np.float64]:

@@ -23,7 +23,7 @@ from pipeline.formats.bag_file import BagFile
 from pipeline.readers import log
 from pipeline.readers.bag_clouds import Clouds
 from pipeline.readers.bag_heading import heading
-from pipeline.readers.bag_poses import KINDS, Track, track
+from pipeline.readers.bag_poses import KINDS, Track, read_track
 from pipeline.readers.log import Log
 from pipeline.readers.mounting import Transforms
 
@@ -74,9 +74,9 @@ class Bag:
         skipped: Counter[str] = Counter()
         clouds = Clouds.read(files, self.points, skipped)
         ground_truth = (
-            track(files, self.ground_truth, self.max_gap_s) if self.ground_truth else None
+            read_track(files, self.ground_truth, self.max_gap_s) if self.ground_truth else None
         )
-        odometry = track(files, self.odometry, self.max_gap_s) if self.odometry else None
+        odometry = read_track(files, self.odometry, self.max_gap_s) if self.odometry else None
         body_T_lidar = self._extrinsic(where, files, clouds.frames, ground_truth or odometry)
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
 

@@ -15,7 +15,7 @@ from pipeline.core.errors import LogError
 from pipeline.core.frames import Stamps
 from pipeline.formats.bag import IMU
 from pipeline.formats.bag_file import BagFile
-from pipeline.readers.bag_poses import longest_increasing, message_stamps, messages
+from pipeline.readers.bag_poses import longest_increasing, message_stamps, read_messages
 from pipeline.readers.mounting import Transforms
 
 UNMEASURED_COVARIANCE = -1.0
@@ -68,16 +68,16 @@ def heading(
     IMU's axis that points up; without such transforms its z axis is taken. Raises LogError if no
     message has a rate of turn.
     """
-    sent, _ = messages(files, topic, (IMU,), _rate_rad_s)
-    readings = [message for message in sent if message.content is not None]
+    messages, _ = read_messages(files, topic, (IMU,), _rate_rad_s)
+    readings = [message for message in messages if message.content is not None]
     if not readings:
         raise LogError(f"{files[0].path}: {topic} holds no rate of turn that can be read")
-    times, notes = message_stamps(
+    all_stamps_ns, notes = message_stamps(
         topic, [(reading.stamp_ns, reading.received_ns) for reading in readings]
     )
-    rows = longest_increasing(times)
+    rows = longest_increasing(all_stamps_ns)
     rates_rad_s = np.array([reading.content for reading in readings])[rows]
-    stamps_ns = times[rows]
+    stamps_ns = all_stamps_ns[rows]
     imu_frames = {reading.frame for reading in readings}
     up, up_notes = _up(files, topic, lidar_frames, imu_frames, vehicle_R_lidar)
     yaw_rad_s = rates_rad_s @ up
@@ -87,7 +87,7 @@ def heading(
 
 
 def _rate_rad_s(message: Any, kind: str) -> tuple[float, float, float] | None:
-    """How fast an IMU turned about its x, y and z axes; None if it does not say so."""
+    """Rates of turn of an IMU about its x, y and z axes, in rad/s; None if it measures none."""
     velocity = message.angular_velocity
     rate_rad_s = (float(velocity.x), float(velocity.y), float(velocity.z))
     is_measured = message.angular_velocity_covariance[0] != UNMEASURED_COVARIANCE

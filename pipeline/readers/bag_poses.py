@@ -1,4 +1,4 @@
-"""Reads the poses of a vehicle from bags: bags and a source's name in; a Track of poses out.
+"""Reads the poses of a vehicle from bags: bags and a source's name in, a Track of poses out.
 
 A source is a topic with poses (Odometry, PoseStamped, PoseWithCovarianceStamped), or
 tf:PARENT>CHILD: then the transforms in the tf messages, each between two neighbouring frames, are
@@ -35,84 +35,93 @@ MAX_FIXED_CHANGE = 1e-6
 """A transform whose entries (metres, rotation matrix) never change by more than this is fixed."""
 
 Edge = tuple[str, str]
-"""The frames (parent, child) that a transform leads between."""
+"""The frames (parent, child) of a transform."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """The poses of a body over time from a bag."""
+    """The poses of a body over time, from one source in the bags."""
 
     name: str
-    """The topic, or tf:PARENT>CHILD."""
+    """The source: the topic, or tf:PARENT>CHILD."""
     trajectory: Trajectory
+    """The poses parent_T_child at their stamps."""
     parent: str | None
-    """The frame of the world; None where the messages do not name it."""
+    """The frame in which the poses are given, for instance map or odom; None where the messages do
+    not name it."""
     child: str | None
-    """The frame of the body; None where the messages do not name it."""
+    """The frame of the body, for instance base_link; None where the messages do not name it."""
     notes: tuple[str, ...]
     """Lines for the user."""
     uncertainty: Uncertainty | None = None
-    """The variance of the poses by their messages; None for transforms, which have none."""
+    """The variance that the messages give for the poses; None for transforms, which give none."""
 
 
-def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
-    """The poses of the source `name`, NaN where a message has no valid pose.
+def read_track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
+    """Read the poses of the source `name`; NaN where a message has no valid pose.
 
     Poses further apart than `max_gap_s` are a gap. Raises LogError if the bags hold no such pose,
     or poses in several frames.
     """
     if name.startswith("tf:"):
         parent, _, child = name.removeprefix("tf:").partition(">")
-        return Tree.read(files, moving=True).track(parent, child, max_gap_s)
+        return Tree.read(files, moving=True).make_track(parent, child, max_gap_s)
     where = files[0].path
-    sent, broken_count = messages(files, name, KINDS, pose_of)
-    frames = {message.frame for message in sent}
-    contents = [message.content for message in sent]
+    messages, broken_count = read_messages(files, name, KINDS, pose_of)
+    frames = {message.frame for message in messages}
+    contents = [message.content for message in messages]
     children = {child for child, _, _ in contents if child is not None}
-    for preposition, frame_names in (("in", frames), ("of", children)):
-        if len(frame_names) > 1:
-            raise LogError(
-                f"{where}: {name} gives poses {preposition} several frames: "
-                f"{', '.join(sorted(frame_names)):.80}"
-            )
-    if not sent:
+    if len(frames) > 1:
+        raise LogError(
+            f"{where}: {name} gives poses in several frames: {', '.join(sorted(frames)):.80}"
+        )
+    if len(children) > 1:
+        raise LogError(
+            f"{where}: {name} gives poses of several frames: {', '.join(sorted(children)):.80}"
+        )
+    if not messages:
         raise LogError(f"{where}: {name} holds no pose that can be read")
-    times, notes = message_stamps(
-        name, [(message.stamp_ns, message.received_ns) for message in sent]
+    stamps_ns, notes = message_stamps(
+        name, [(message.stamp_ns, message.received_ns) for message in messages]
     )
     if broken_count:
         notes += (f"{name}: {broken_count:,} broken messages are left out",)
-    world_T_body = poses([numbers for _, numbers, _ in contents])
-    topic_trajectory, pose_notes = trajectory(name, times, world_T_body, max_gap_s)
-    rows = longest_increasing(times)
+    parent_T_child = poses([numbers for _, numbers, _ in contents])
+    trajectory, pose_notes = make_trajectory(name, stamps_ns, parent_T_child, max_gap_s)
+    # The variances of the rows that the trajectory keeps.
+    rows = longest_increasing(stamps_ns)
     variances = np.array([variance for _, _, variance in contents], np.float64)[rows]
     return Track(
         name=name,
-        trajectory=topic_trajectory,
+        trajectory=trajectory,
         parent=next(iter(frames), "") or None,
         child=next(iter(children), "") or None,
         notes=notes + pose_notes,
-        uncertainty=Uncertainty(times[rows], variances),
+        uncertainty=Uncertainty(stamps_ns[rows], variances),
     )
 
 
 class Message(NamedTuple):
-    """What is used of a message that begins with a header."""
+    """A message that begins with a header, with the part of its content that is used."""
 
     received_ns: int
+    """The time of receipt."""
     stamp_ns: int
+    """The stamp in the header."""
     frame: str
+    """The frame in the header."""
     content: Any
+    """What a reader picked from the message."""
 
 
-def messages(
+def read_messages(
     files: Sequence[BagFile], topic: str, kinds: Sequence[str], take: Callable[[Any, str], Any]
 ) -> tuple[list[Message], int]:
-    """The messages of a topic, in order of receipt, and how many are broken.
+    """The messages of a topic, in order of receipt, and how many more are broken.
 
     `take` picks the content from a message and its type, which is one of `kinds`.
     """
-    whole: list[Message] = []
+    messages: list[Message] = []
     broken_count = 0
     for file in files:
         kind = file.topics[topic].kind if topic in file.topics else ""
@@ -125,22 +134,23 @@ def messages(
             except LogError:
                 broken_count += 1
             else:
-                whole.append(Message(key.received_ns, stamp_ns, frame, content))
-    whole.sort(key=attrgetter("received_ns"))
-    return whole, broken_count
+                messages.append(Message(key.received_ns, stamp_ns, frame, content))
+    messages.sort(key=attrgetter("received_ns"))
+    return messages, broken_count
 
 
 def pose_of(message: Any, kind: str) -> tuple[str | None, tuple[float, ...], tuple[float, float]]:
-    """The body's frame, None if not named; its position and quaternion; and their variance.
+    """The body's frame, position and quaternion, and variance, from a message of type `kind`.
 
-    `kind` is the message's type, one of KINDS.
+    The frame is None if the message does not name it. Position (m) and quaternion (x, y, z, w) are
+    seven numbers. The variance is (position in m², heading in rad²); NaN if the message gives none.
     """
     child = frame_name(message.child_frame_id) if kind == ODOMETRY else None
     return child, pose_numbers(message, kind), gathered_variance(message, kind)
 
 
 def transform_of(stamped: Any) -> tuple[Edge, int, tuple[float, ...]]:
-    """The frames of a TransformStamped; its stamp in ns; its position and quaternion."""
+    """The frames of a TransformStamped; its stamp in ns; its translation (m) and quaternion."""
     stamp = stamped.header.stamp
     edge = (frame_name(stamped.header.frame_id), frame_name(stamped.child_frame_id))
     return edge, stamp.sec * 10**9 + stamp.nanosec, transform_numbers(stamped)
@@ -151,23 +161,23 @@ class _Link(NamedTuple):
 
     edge: Edge
     is_forward: bool
-    """Whether the chain leads from the transform's parent to its child, else backward."""
+    """Whether the chain passes the transform from parent to child; else from child to parent."""
 
 
 @dataclass(frozen=True)
 class Tree:
-    """The transforms of tf messages, which make a tree of frames."""
+    """The transforms of tf messages, which form a tree of frames."""
 
     where: str
     """The path of the first bag, for errors."""
     edges: dict[Edge, tuple[Stamps, Poses]]
     """For each pair of frames the stamps (n,) and parent_T_child (n, 4, 4), in order of receipt."""
     broken_count: int
-    """Messages that could not be read."""
+    """The number of messages that could not be read."""
 
     @staticmethod
     def read(files: Sequence[BagFile], moving: bool) -> "Tree":
-        """Read the transforms of the topics that end in tf_static; with `moving`, of all topics."""
+        """Read the transforms of all topics; without `moving`, of those that end in tf_static."""
         messages_by_edge: dict[Edge, list[Message]] = defaultdict(list)
         broken_count = 0
         topics = [
@@ -188,10 +198,10 @@ class Tree:
                     message = Message(key.received_ns, stamp_ns, edge[0], numbers)
                     messages_by_edge[edge].append(message)
         edges: dict[Edge, tuple[Stamps, Poses]] = {}
-        for edge, messages in messages_by_edge.items():
-            messages.sort(key=attrgetter("received_ns"))
-            stamps_ns = np.array([message.stamp_ns for message in messages], np.int64)
-            parent_T_child = poses([message.content for message in messages])
+        for edge, edge_messages in messages_by_edge.items():
+            edge_messages.sort(key=attrgetter("received_ns"))
+            stamps_ns = np.array([message.stamp_ns for message in edge_messages], np.int64)
+            parent_T_child = poses([message.content for message in edge_messages])
             has_pose = np.isfinite(parent_T_child[:, 0, 0])
             if has_pose.any():
                 edges[edge] = (stamps_ns[has_pose], parent_T_child[has_pose])
@@ -214,11 +224,11 @@ class Tree:
         chain = _chain(self.edges, a, b) or []
         return any(not self._is_fixed(link.edge) for link in chain)
 
-    def track(self, parent: str, child: str, max_gap_s: float) -> Track:
+    def make_track(self, parent: str, child: str, max_gap_s: float) -> Track:
         """parent_T_child at the stamps of the most frequent moving transform of the chain.
 
-        The other transforms are interpolated. Raises LogError where no transforms lead from parent
-        to child, or none of them moves.
+        The other transforms are interpolated, but not over more than `max_gap_s`. Raises LogError
+        where no transforms lead from parent to child, or none of them moves.
         """
         name = f"tf:{parent}>{child}"
         chain = _chain(self.edges, parent, child)
@@ -240,14 +250,17 @@ class Tree:
         trajectories: dict[Edge, Trajectory] = {}
         for edge in moving_edges:
             edge_name = ">".join(edge)
-            trajectories[edge], pose_notes = trajectory(edge_name, *self.edges[edge], max_gap_s)
+            trajectories[edge], pose_notes = make_trajectory(
+                edge_name, *self.edges[edge], max_gap_s
+            )
             notes += pose_notes
         stamps_ns = max((trajectory.stamps_ns for trajectory in trajectories.values()), key=len)
         parent_T_child = np.tile(np.eye(4), (len(stamps_ns), 1, 1))
         for edge, is_forward in chain:
-            edge_poses = self._poses(edge)[-1:]  # of a fixed transform, one for all stamps
             if edge in trajectories:
                 edge_poses, _ = trajectories[edge].at(stamps_ns)
+            else:
+                edge_poses = self._poses(edge)[-1:]  # one pose for all stamps
             steps = edge_poses if is_forward else np.linalg.inv(edge_poses)
             parent_T_child = parent_T_child @ steps
         return Track(name, Trajectory(stamps_ns, parent_T_child, max_gap_s), parent, child, notes)
@@ -298,35 +311,39 @@ def message_stamps(name: str, stamps: Sequence[tuple[int, int]]) -> tuple[Stamps
 def longest_increasing(stamps_ns: Stamps) -> NDArray[np.int64]:
     """Rows (k,) of a longest subsequence of strictly increasing stamps (n,).
 
-    So the fewest messages are dropped. It is patience sorting: `ends` holds the smallest stamp that
-    a subsequence of each length can end in.
+    So the fewest messages are dropped. The algorithm is patience sorting: `ends` holds for each
+    length the smallest stamp that a subsequence of this length can end in.
     """
     ends: list[int] = []
     end_rows: list[int] = []
     previous_row = np.full(len(stamps_ns), -1)
     for row, stamp in enumerate(stamps_ns.tolist()):
-        length = bisect_left(ends, stamp)  # of the longest one that ends before this stamp
+        # The length of the longest subsequence that ends before this stamp.
+        length = bisect_left(ends, stamp)
         previous_row[row] = end_rows[length - 1] if length else -1
-        ends[length : length + 1] = [stamp]  # replaces the end, or appends the first of this length
+        # Replace the end of the subsequences of length + 1, or append the first one.
+        ends[length : length + 1] = [stamp]
         end_rows[length : length + 1] = [row]
-    # from the end of the longest one back to its start
+    # Follow the longest subsequence from its end back to its start.
     rows = end_rows[-1:]
     while rows and previous_row[rows[-1]] >= 0:
         rows.append(int(previous_row[rows[-1]]))
     return np.array(rows[::-1], np.int64)
 
 
-def trajectory(
-    name: str, times: Stamps, world_T_body: Poses, max_gap_s: float
+def make_trajectory(
+    name: str, stamps_ns: Stamps, parent_T_child: Poses, max_gap_s: float
 ) -> tuple[Trajectory, tuple[str, ...]]:
-    """Poses (n, 4, 4) at `times` (n,) as a trajectory, and notes on the poses that are left out."""
-    rows = longest_increasing(times)
-    unposed_count = int(np.isnan(world_T_body[rows, 0, 0]).sum())
+    """Poses (n, 4, 4) at stamps (n,) as a trajectory, and notes on the poses that are left out."""
+    rows = longest_increasing(stamps_ns)
+    unposed_count = int(np.isnan(parent_T_child[rows, 0, 0]).sum())
     counts = {
-        "poses are left out, their stamps repeat or run backwards": len(times) - len(rows),
+        "poses are left out, their stamps repeat or run backwards": len(stamps_ns) - len(rows),
         "poses hold no place or no rotation: gaps": unposed_count,
     }
     notes = tuple(
-        f"{name}: {count:,} of {len(times):,} {reason}" for reason, count in counts.items() if count
+        f"{name}: {count:,} of {len(stamps_ns):,} {reason}"
+        for reason, count in counts.items()
+        if count
     )
-    return Trajectory(times[rows], world_T_body[rows], max_gap_s), notes
+    return Trajectory(stamps_ns[rows], parent_T_child[rows], max_gap_s), notes

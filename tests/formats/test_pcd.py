@@ -170,7 +170,7 @@ HUGE = header("binary", points=10**12).encode()
         (ASCII.replace("4 5 6", "4 5 six"), "lines of 3 numbers"),
         (BINARY[:-1], "23 bytes of points, 24 for the 2 points"),
         (HUGE, "0 bytes of points, 12000000000000 for"),
-        (ZEROS[:-1], "is 23 bytes long; the file is damaged|is 24 bytes long; the file is damaged"),
+        (ZEROS[:-1], "bytes, 23 follow; the file is damaged|bytes, 24 follow; the file is damaged"),
         (ZEROS[: len(header("binary_compressed")) + 5], "no sizes after"),
         (compressed(bytes(25), literals(bytes(24))), "25 bytes of points, 24 for"),
         *((compressed(bytes(24), block), "compressed block is damaged") for block in BLOCKS),

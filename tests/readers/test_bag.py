@@ -396,7 +396,7 @@ def test_broken_transforms_are_counted_in_the_tracks_notes(tmp_path: Path) -> No
         return whole(data[:9] if next(messages) == 0 else data, kind)
 
     file.decode = first_is_broken  # type: ignore[method-assign]
-    assert Tree.read([file], moving=True).track("map", "base_link", 0.5).notes == (
+    assert Tree.read([file], moving=True).make_track("map", "base_link", 0.5).notes == (
         "tf:map>base_link: 1 broken messages of transforms are left out",
     )
 

@@ -1,9 +1,9 @@
 """Reads a TensorFlow checkpoint without TensorFlow: the files `PREFIX.index` and `PREFIX.data-…`.
 
 In: the path PREFIX. Out: all tensors as arrays, by name. The index is a LevelDB table: blocks of
-sorted keys, each without the beginning that it shares with the key before, and a footer. Its values
-are protobuf messages: a header under the empty key; under each tensor's name its type, shape,
-shard, offset and size. The data files (shards) hold the raw numbers.
+sorted keys with their values, and a footer. A key is stored without the prefix that it shares with
+the previous key. The values are protobuf messages: under the empty key a header; under each
+tensor's name its type, shape, shard, offset and size. The data files (shards) hold the raw numbers.
 """
 
 from collections.abc import Iterator, Mapping
@@ -118,7 +118,9 @@ def _entries(table: bytes) -> Iterator[tuple[str, Message]]:
     if len(table) < FOOTER_BYTES or int.from_bytes(table[-8:], "little") != MAGIC:
         raise ValueError("it does not end as a table does")
     footer = table[-FOOTER_BYTES:]
-    _, at = _handle(footer, 0)  # the metaindex block's, which TensorFlow leaves empty
+    # The first handle is the metaindex block's, which TensorFlow leaves empty; the second is the
+    # index block's.
+    _, at = _handle(footer, 0)
     index, _ = _handle(footer, at)
     for _, value in _block(table, *index):
         block, _ = _handle(value, 0)
@@ -127,18 +129,22 @@ def _entries(table: bytes) -> Iterator[tuple[str, Message]]:
 
 
 def _handle(data: bytes, at: int) -> tuple[tuple[int, int], int]:
-    """The offset and size of a block, read at the position `at`, and the position behind them."""
+    """The offset and size of a block in bytes, read at `at`, and the position after them."""
     offset, at = _varint(data, at)
     size, at = _varint(data, at)
     return (offset, size), at
 
 
 def _block(table: bytes, offset: int, size: int) -> Iterator[tuple[bytes, bytes]]:
-    """The keys and values of a block; a key is stored without the beginning of the key before."""
-    if table[offset + size] != 0:  # the byte behind a block is its kind of compression
+    """The keys and values of a block.
+
+    A key is stored without the prefix that it shares with the previous key.
+    """
+    if table[offset + size] != 0:  # the byte after a block is its kind of compression
         raise ValueError("its blocks are compressed, which TensorFlow's are not")
     block = table[offset : offset + size]
-    # The offsets of the entries with whole keys are at its end, then their number, 4 bytes each.
+    # A block ends with the offsets of the entries with whole keys (restarts), then the number of
+    # these offsets, 4 bytes each.
     restarts = int.from_bytes(block[-4:], "little")
     end = size - 4 * (restarts + 1)
     at = 0
@@ -184,7 +190,7 @@ def _bytes(value: int | bytes) -> bytes:
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
-    """A number that is stored in seven bits per byte, and the position behind it."""
+    """A number that is stored in seven bits per byte, and the position after it."""
     value = shift = 0
     while data[at] & 0x80:
         value |= (data[at] & 0x7F) << shift

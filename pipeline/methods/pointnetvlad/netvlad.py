@@ -45,8 +45,8 @@ class NetVlad(nn.Module):
         # features.
         lengths = torch.linalg.vector_norm(features, dim=2, keepdim=True).float()
         scale = 1 / lengths.clamp_min(1e-6)
-        likeness = (self.assign(features) * scale).flatten(0, 1)
-        share = self.assign_norm(likeness).softmax(1).unflatten(0, features.shape[:2])
+        cluster_logits = (self.assign(features) * scale).flatten(0, 1)
+        share = self.assign_norm(cluster_logits).softmax(1).unflatten(0, features.shape[:2])
         # Residuals from the centres, (cloud, features, cluster).
         scaled_share = (share * scale).to(features.dtype)
         summed = scaled_share.transpose(1, 2) @ features  # (cloud, cluster, features)

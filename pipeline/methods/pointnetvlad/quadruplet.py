@@ -20,13 +20,13 @@ CANDIDATES = 4000
 def lazy_quadruplet(
     tuples: Tensor, positives: int, margin: float, margin_star: float
 ) -> tuple[Tensor, Tensor]:
-    """The loss of some tuples, and the number of right tuples.
+    """The mean loss of some tuples, and the number of right tuples.
 
     `tuples` (tuple, 1 + positives + negatives + 1, size) are descriptors in the order of
-    `Tuples.draw`. With squared distances, and d the query's distance to its nearest positive, the
-    loss of a tuple is max(0, margin + d − distance from the query to the nearest negative) + max(0,
-    margin_star + d − distance from n* to the nearest negative). A tuple is right if its nearest
-    positive is nearer than every negative.
+    `Tuples.draw`; `positives` is the number of positives in a tuple. With squared distances, and d
+    the query's distance to its nearest positive, the loss of a tuple is max(0, margin + d −
+    distance from the query to the nearest negative) + max(0, margin_star + d − distance from n* to
+    the nearest negative). A tuple is right if its nearest positive is nearer than every negative.
     """
     query = tuples[:, :1]
     positive = tuples[:, 1 : 1 + positives]
@@ -43,26 +43,28 @@ def lazy_quadruplet(
 
 @dataclass(frozen=True)
 class Tuples:
-    """Draws query, positives, negatives and n* among training rows by their positions.
+    """Draws positives, negatives and n* for a query by the positions of the training clouds.
 
-    If the world is so small that no row is farther than 2 `negative_m` from the query, rows beyond
-    half of the largest distance are negatives.
+    A row is a training cloud. In small worlds `negative_m` is capped at half the largest distance
+    from the query; `positive_m` never exceeds it.
     """
 
     xy_m: NDArray[np.float64]
-    """(n, 2) positions of the training rows."""
+    """(n, 2) positions, a row for each training cloud."""
     positive_m: float
     """Rows at most this far from the query are positives."""
     negative_m: float
     """Rows farther than this from the query are negatives."""
     positives: int
+    """The number of positives of a query."""
     negatives: int
-    """Number of positives and negatives of a query."""
+    """The number of negatives of a query."""
     hard: int
-    """How many of the negatives are the hardest, once descriptors are available."""
+    """How many of the negatives are hard ones, with the descriptors most similar to the query's;
+    all negatives are random as long as there are no descriptors."""
 
     def queries(self) -> NDArray[np.int64]:
-        """The rows that have a positive and a negative; raises InputError if there are none."""
+        """Rows (q,) that have a positive and a negative; raises InputError if there are none."""
         rows = []
         for row in range(len(self.xy_m)):
             positive_rows, negative_rows = self._around(row)
@@ -79,21 +81,22 @@ class Tuples:
     ) -> NDArray[np.int64]:
         """Draw rows (1 + positives + negatives + 1,): the query, positives, negatives, n*.
 
-        Rows are repeated if there are too few. n* is a random row farther than `positive_m` from
+        `descriptors` (n, size) are those of all training clouds. Rows are repeated if there are too
+        few. n* is a random row farther than `positive_m` from
         the query and its negatives; if there is no such row, it is the row farthest from them.
         """
         positive_rows, negative_rows = self._around(query)
-        # Random negatives; with descriptors the hardest, which are the most similar, come first.
+        # Random negatives; with descriptors, the most similar (hardest) ones come first.
         negative_rows = rng.permutation(negative_rows)
         if descriptors is not None:
             candidates = negative_rows[:CANDIDATES]
             most_similar = np.argsort(-descriptors[candidates] @ descriptors[query], kind="stable")
             hardest = candidates[most_similar[: self.hard]]
-            further = negative_rows[~np.isin(negative_rows, hardest)]
-            negative_rows = np.concatenate([hardest, further])
+            random_rows = negative_rows[~np.isin(negative_rows, hardest)]
+            negative_rows = np.concatenate([hardest, random_rows])
         positive_rows = np.resize(rng.permutation(positive_rows), self.positives)
         negative_rows = np.resize(negative_rows, self.negatives)
-        # n*, from each row's distance to the nearest of query and negatives.
+        # n* by the distance of each row to the nearest among the query and its negatives.
         query_and_negatives = np.unique(np.append(negative_rows, query))
         distances_m = np.linalg.norm(self.xy_m[:, None] - self.xy_m[query_and_negatives], axis=2)
         gap_m = distances_m.min(axis=1)
@@ -102,7 +105,7 @@ class Tuples:
         return np.concatenate([[query], positive_rows, negative_rows, [star]])
 
     def _around(self, query: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """The rows of a query's positives, without itself, and of its negatives."""
+        """The rows of a query's positives, without the query, and of its negatives."""
         distance_m = np.linalg.norm(self.xy_m - self.xy_m[query], axis=1)
         far_m = min(self.negative_m, distance_m.max() / 2)
         is_positive = distance_m <= min(self.positive_m, far_m)

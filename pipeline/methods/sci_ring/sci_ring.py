@@ -25,7 +25,7 @@ from pipeline.networks.classifier import Kinds, rolled
 from pipeline.networks.evidence import Prediction
 from pipeline.networks.learner import Learner
 from pipeline.networks.lenet import device, to_device
-from pipeline.networks.plain import HEADING_SOFTNESS
+from pipeline.networks.plain import HEADING_TEMPERATURE
 
 
 class Batch(NamedTuple):
@@ -117,7 +117,7 @@ class SciRing(Learner):
         return logits[:, 0]
 
     @torch.inference_mode()
-    def predict(self, net: Ring, heights: Tensor, forgotten: Tensor | None = None) -> Prediction:
+    def predict(self, net: Ring, heights: Tensor, left_out: Tensor | None = None) -> Prediction:
         """Logits and headings of the places, and features.
 
         A place's probability is the sum over its headings, and its heading is their circular mean.
@@ -128,16 +128,17 @@ class SciRing(Learner):
         outputs = []
         for rows in torch.split(torch.arange(len(heights)), self.batch):
             embedded = self.embedded(net, heights[rows])
-            logits = net.place_logits(embedded)
-            if forgotten is not None:
-                logits = logits.masked_fill(forgotten[rows].to(torch_device)[:, None], -torch.inf)
-            scores = logits.logsumexp(1)
+            heading_logits = net.place_logits(embedded)  # (image, heading, place)
+            if left_out is not None:
+                is_out = left_out[rows].to(torch_device)[:, None]
+                heading_logits = heading_logits.masked_fill(is_out, -torch.inf)
+            logits = heading_logits.logsumexp(1)
             image = torch.arange(len(rows), device=embedded.device)
-            heading_deg = circular_mean_deg((logits / HEADING_SOFTNESS).softmax(1))
-            first_heading = heading_deg[image, scores.argmax(1)] * (net.headings / 360)
+            heading_deg = circular_mean_deg((heading_logits / HEADING_TEMPERATURE).softmax(1))
+            first_heading = heading_deg[image, logits.argmax(1)] * (net.headings / 360)
             lower, upper, share = neighbours(first_heading, net.headings)
             features = embedded[image, lower].lerp(embedded[image, upper], share[:, None])
-            outputs.append((scores, nn.functional.normalize(features), heading_deg))
+            outputs.append((logits, nn.functional.normalize(features), heading_deg))
         return Prediction(*(torch.cat(parts).cpu() for parts in zip(*outputs, strict=True)))
 
     @torch.inference_mode()
@@ -169,34 +170,34 @@ class SciRing(Learner):
         A return profile is the ring of the first standing object in each sector
         (matching.return_profiles).
         """
-        scores, heading_deg = reranked(
-            prediction.scores,
+        logits, heading_deg = reranked(
+            prediction.float64_logits,
             prediction.heading_deg.numpy(),
             return_profiles(images),
             ReturnProfiles.of(model),
         )
         return prediction._replace(
-            logits=torch.from_numpy(scores),
+            logits=torch.from_numpy(logits),
             heading_deg=torch.from_numpy(heading_deg.astype(np.float32)),
         )
 
     def positions(
-        self, places_m: NDArray[np.float64], likest_m: NDArray[np.float64]
+        self, places_m: NDArray[np.float64], most_similar_m: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """World positions (n, k, 2) of the answers.
 
         The first answer has the position of the query's most similar training view, the others have
         the mean positions of their places.
         """
-        return np.concatenate([likest_m[:, None], places_m[:, 1:]], axis=1)
+        return np.concatenate([most_similar_m[:, None], places_m[:, 1:]], axis=1)
 
     def novelties(
-        self, logits: NDArray[np.float64], softness: float, likeness: NDArray[np.float64]
+        self, logits: NDArray[np.float64], temperature: float, max_cosine: NDArray[np.float64]
     ) -> Kinds:
         """The kinds of novelty; the one in use is `combined`: tempered entropy × feature distance.
 
         On validation blocks of two simulated worlds it reached a higher AUROC and AUC than either
         of the two alone.
         """
-        kinds = super().novelties(logits, softness, likeness)
+        kinds = super().novelties(logits, temperature, max_cosine)
         return {"combined": kinds["tempered_entropy"] * kinds["feature_distance"], **kinds}
