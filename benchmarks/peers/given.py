@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pipeline.core.frames import transformed
 from pipeline.matching.patches import differences
 from pipeline.matching.ranking import Model
-from pipeline.matching.sequence import cheapest, contrast, runs, search
+from pipeline.matching.sequence import cheapest, enhance_contrast, runs, search
 from pipeline.readers.kitti import Kitti
 from stages import build
 
@@ -90,7 +90,7 @@ def pictures(path: Path) -> int:
 
 def matched(references: NDArray[np.uint8], queries: NDArray[np.uint8]) -> NDArray[np.int64]:
     """SeqSLAM: the matched reference of each query (image, pixel) with a whole sequence around."""
-    enhanced = contrast(differences(references, queries), 2 * HALF_SEQUENCE)
+    enhanced = enhance_contrast(differences(references, queries), 2 * HALF_SEQUENCE)
     enhanced -= enhanced.min()
     costs = np.ascontiguousarray(search(enhanced, OFFSETS).T)
     return cheapest(costs, 1)[:, 0]

@@ -67,7 +67,7 @@ def points(data: bytes, path: Path, point_bytes: int | None = None) -> NDArray[n
         return bin_layout.points(data, path, point_bytes).astype(np.float64)
 
 
-def stamp_ns(word: str, unit: str) -> int | None:
+def parse_stamp_ns(word: str, unit: str) -> int | None:
     """A stamp such as 1326652795.280148 in `unit` (s, us, ns), converted to nanoseconds exactly.
 
     None if the word is not a stamp.
@@ -94,14 +94,14 @@ def stamp_at_end(stem: str) -> int | None:
     return round(Decimal(number) * {**UNIT_NS, "ms": 10**6}[unit])
 
 
-def tum_row(stamp_ns: int, world_T_body: NDArray[np.float64]) -> str:
+def format_tum_row(stamp_ns: int, world_T_body: NDArray[np.float64]) -> str:
     """A row of a TUM file: stamp in s, x y z in m, qx qy qz qw, of a pose (4, 4)."""
     turn = Rotation.from_matrix(world_T_body[:3, :3]).as_quat(canonical=True)
     numbers = " ".join(f"{value:.6f}" for value in (*world_T_body[:3, 3], *turn))
     return f"{stamp_ns // 10**9}.{stamp_ns % 10**9:09d} {numbers}"
 
 
-def tum(path: Path, text: str) -> tuple[list[int], NDArray[np.float64]]:
+def parse_tum(path: Path, text: str) -> tuple[list[int], NDArray[np.float64]]:
     """Stamps (n,) in ns and rows (n, 7) of x, y, z (m), qx, qy, qz, qw from the text of a TUM file.
 
     Rows hold NaN where the pose is unknown. In the file, numbers are separated by blanks or commas,
@@ -113,7 +113,7 @@ def tum(path: Path, text: str) -> tuple[list[int], NDArray[np.float64]]:
     stamps: list[int] = []
     numbers = np.empty((len(rows), 7))
     for row, words in enumerate(rows):
-        stamp = stamp_ns(words[0], "s")
+        stamp = parse_stamp_ns(words[0], "s")
         row_text = f"row {row + 1} is '{' '.join(words)[:60]}'"
         if len(words) != 8 or stamp is None:
             raise LogError(

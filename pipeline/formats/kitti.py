@@ -35,12 +35,12 @@ CENTRE_PX = (607.1928, 185.2157)
 PROJECTION_OFFSETS_PX_M = (0.0, -386.1448, 45.38225, -337.2877)
 """Focal length, centre and last column of the projections P0 to P3 in log 00.
 
-The last column is −focal length × distance of the camera to the right of cam0.
+The last column (px · m) is −focal length × distance of the camera to the right of cam0.
 """
 
 
-def matrix(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
-    """4×4 poses (n, 4, 4) from rows (n, 12), each a 3×4 matrix row by row."""
+def to_poses(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Poses (n, 4, 4) from rows (n, 12), each of which is a 3×4 matrix row by row."""
     poses = np.tile(np.eye(4), (len(numbers), 1, 1))
     poses[:, :3] = numbers.reshape(-1, 3, 4)
     return poses
@@ -93,6 +93,7 @@ def write_poses(path: Path, first_T_cam: NDArray[np.float64]) -> None:
 
 
 def _numbers(matrix: NDArray[np.float64]) -> str:
+    """The numbers of a matrix as text, row by row."""
     return " ".join(f"{number:.12e}" for number in matrix.ravel().tolist())
 
 

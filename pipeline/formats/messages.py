@@ -27,9 +27,9 @@ MAX_ANGLE_RAD = 1e3
 def header(data: bytes, ros: int) -> tuple[int, str]:
     """Stamp in nanoseconds and frame_id of a message that begins with a std_msgs/Header.
 
-    The stamp begins at byte 4. Before it stands in ROS 1 a counter, in the CDR of ROS 2 an encoding
-    whose second byte is the byte order. After the stamp come the length of the frame_id and its
-    letters. Raises LogError for a message that does not begin so.
+    `ros` is 1 or 2. The stamp begins at byte 4. Before it stands in ROS 1 a counter, in the CDR of
+    ROS 2 an encoding whose second byte is the byte order. After the stamp come the length of the
+    frame_id and its letters. Raises LogError for a message that does not begin so.
     """
     byte_order = "<" if ros == 1 or data[1:2] == b"\1" else ">"
     numbers = "III" if ros == 1 else "iII"
@@ -74,16 +74,16 @@ def pose_numbers(message: Any, kind: str) -> tuple[float, ...]:
 def gathered_variance(message: Any, kind: str) -> tuple[float, float]:
     """Variance of the position in m² (mean of x and y) and of the heading in rad².
 
-    They are of the pose in an Odometry or PoseWithCovarianceStamped, in which odometry sums up its
-    errors since the start; NaN for any other message.
+    They are those of the pose in an Odometry or PoseWithCovarianceStamped, in which odometry sums
+    up its errors since the start; NaN for any other message.
     """
     if kind not in (ODOMETRY, POSE_COVARIANCE):
         return np.nan, np.nan
     covariance = message.pose.covariance.reshape(6, 6)
-    # rows and columns are x, y, z, and the turns about these axes
-    position = float(covariance[0, 0] + covariance[1, 1]) / 2
-    heading = float(covariance[5, 5])
-    return position, heading
+    # Rows and columns are x, y, z, and the rotations about these axes.
+    position_m2 = float(covariance[0, 0] + covariance[1, 1]) / 2
+    heading_rad2 = float(covariance[5, 5])
+    return position_m2, heading_rad2
 
 
 def transform_numbers(stamped: Any) -> tuple[float, ...]:
@@ -92,7 +92,7 @@ def transform_numbers(stamped: Any) -> tuple[float, ...]:
 
 
 def poses(numbers: Sequence[tuple[float, ...]]) -> Poses:
-    """Poses (n, 4, 4) from rows of a position in metres and a quaternion.
+    """Poses (n, 4, 4) from n rows of a position in metres and a quaternion (x, y, z, w).
 
     NaN where the position is not on Earth or the quaternion's length is not 1.
     """

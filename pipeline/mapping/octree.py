@@ -204,7 +204,7 @@ class OctreeMap:
 
         # 3. Decay, and update.
         kept_share = self._kept_share(pose, variance)
-        kernels.sweep(
+        kernels.update_leaves(
             self.bricks,
             np.float32(kept_share),
             np.float32(KNOWN_FROM if kept_share < 1 else 0),
@@ -230,7 +230,7 @@ class OctreeMap:
         origin = (
             leaves_T_vehicle[:3, :3] @ (0.0, 0.0, octree.sensor_height_m) + leaves_T_vehicle[:3, 3]
         )
-        slots = kernels.room(len(points))
+        slots = kernels.slot_count(len(points))
         if len(self._unhit_cells) < slots:
             self._unhit_cells = np.empty(slots, np.int64)
         unhit_cells = self._unhit_cells[:slots]

@@ -1,7 +1,8 @@
 """The hot loops of the dynamic octree (`mapping.octree`; METHODS 4.2 and 4.4).
 
 `cast` walks the rays of a scan through the bricks (`mapping.bricks`) and marks the leaves that they
-cross and hit. `sweep` then goes once over all leaves, lets them decay and updates the marked ones.
+cross and hit. `update_leaves` then goes once over all leaves, lets them decay and updates the
+marked ones.
 
 Rays are walked as in Amanatides and Woo (1987): whichever of the next borders on the three axes is
 nearest is crossed. Lengths are in leaves, from the lowest corner of the cube. A leaf's key holds
@@ -42,9 +43,12 @@ BRICK_BITS = np.int64(LEAVES.bit_length() - 1)
 """The number of these bits."""
 
 
-def room(points: int) -> int:
-    """Slots of a hash table that is at most half full with this many cells; a power of two."""
-    return 1 << (2 * points).bit_length()
+def slot_count(n: int) -> int:
+    """The number of slots of a hash table for the cells of n points: a power of two, above 2 n.
+
+    So the table is at most half full.
+    """
+    return 1 << (2 * n).bit_length()
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -63,7 +67,7 @@ def cast(
 ) -> int:
     """Mark the leaves between the sensor and the points as CROSSED, and those of points as HIT.
 
-    points : (n, 3) in the vehicle's frame; those before the row `first` are marked already.
+    points : (n, 3) in metres in the vehicle's frame; those before row `first` are marked already.
     leaves_T_points : (4, 4) maps them to leaves from the cube's lowest corner.
     origin : (3,) the sensor's position in the same frame.
     lowest_leaf : (3,) the cube's lowest leaf, in leaves from odometry's origin.
@@ -256,7 +260,7 @@ def _steps(first_border, spacing, stop):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def sweep(
+def update_leaves(
     bricks: Bricks,
     kept_share: np.float32,
     known_from: np.float32,

@@ -2,7 +2,8 @@
 
 A matrix of differences has a row for each training row (reference) and a column for each query.
 
-1. `contrast` replaces each difference by its deviation from the differences of the rows around it.
+1. `enhance_contrast` replaces each difference by its deviation from the differences of the rows
+   around it.
 2. `search` finds, for each row and each window of consecutive queries, the cheapest run about the
    row. A run aligns the queries with the rows at one of several speeds (`runs`).
 3. `cheapest` and `runner_up` read the best rows, and the best row elsewhere, from the costs.
@@ -27,11 +28,11 @@ FLAT_SHARE = 1e-13
 """A window is flat if its variance is at most this share of its mean square: float32 cannot tell
 its values apart."""
 REPRODUCIBLE = {"contract", "nsz"}
-"""The fast-math that gives a column the same bits wherever it lies in a block. Reciprocals are not
-in it, since some processors only approximate them."""
+"""The fast-math flags under which a column has the same bits wherever it lies in a block. The flag
+for reciprocals is missing, since some processors only approximate them."""
 
 
-def contrast(differences: NDArray[np.float32], rows: int) -> NDArray[np.float32]:
+def enhance_contrast(differences: NDArray[np.float32], rows: int) -> NDArray[np.float32]:
     """Enhance the contrast of differences (n, m) along each column.
 
     A difference becomes its deviation from the mean of a window, in standard deviations (sample
@@ -44,9 +45,11 @@ def contrast(differences: NDArray[np.float32], rows: int) -> NDArray[np.float32]
     return enhanced
 
 
-def least(rows: int) -> float:
-    """The lowest value of `contrast`: one difference of a window is below all others, which are
-    equal."""
+def least_contrast(rows: int) -> float:
+    """The lowest value that `enhance_contrast` can give for windows of `rows` rows.
+
+    It is reached where one difference of a window lies below all others, which are equal.
+    """
     # With n values, one of them 0 and the rest 1, the mean is (n − 1) / n and the sample
     # variance 1 / n; so the value is −(n − 1) / √n. A window has n = 2 (rows // 2) + 1 rows.
     return -2 * (rows // 2) / math.sqrt(2 * (rows // 2) + 1)
@@ -70,10 +73,10 @@ def search(
 ) -> NDArray[np.float32]:
     """Costs (n, window) of the cheapest run about each row, for some windows of queries.
 
-    `enhanced` (n, m) are the differences after `contrast`, and `offsets` come from `runs`. The
-    windows begin at the columns from `first` to before `last`, by default all windows within the m
-    queries. A cost is the sum of a run's differences, +inf if no run about the row lies within the
-    n rows.
+    `enhanced` (n, m) are the differences after `enhance_contrast`, `offsets` (speed, length + 1)
+    come from `runs`. The windows begin at the columns from `first` to before `last`, by default all
+    windows within the m queries. A cost is the sum of a run's differences, +inf if no run about the
+    row lies within the n rows.
     """
     if last is None:
         last = enhanced.shape[1] - offsets.shape[1] + 1
@@ -146,7 +149,8 @@ def _enhance(differences, half, out):  # type: ignore[no-untyped-def]
 def _standardised(values, sums, squares, number, out):  # type: ignore[no-untyped-def]
     """Write the values (width,) of a row in deviations from their windows' means to `out`.
 
-    The windows have `number` rows each, whose `sums` and sums of `squares` are given.
+    The windows have `number` rows each. `sums` and `squares` (width,) are the sums of the values
+    and of their squares in each window.
     """
     share = 1.0 / number
     unbiased = 1.0 / max(number - 1, 1)

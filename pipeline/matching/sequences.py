@@ -33,8 +33,8 @@ from pipeline.matching.rejection import NoveltyEvidence, is_near
 from pipeline.matching.sequence import (
     GRAIN,
     cheapest,
-    contrast,
-    least,
+    enhance_contrast,
+    least_contrast,
     runner_up,
     runs,
     search,
@@ -212,13 +212,13 @@ class AlignedQueries:
         max_steps = int((n - 1) / max(settings.slowest, 1))
         self.length = max(min(settings.length, m - 1, max_steps), 0)
         self.scale = np.float32((settings.length + 1) / (self.length + 1))
-        self.enhanced = contrast(differences, settings.normalisation_rows)
+        self.enhanced = enhance_contrast(differences, settings.normalisation_rows)
         lowest = float(self.enhanced.min(initial=0))
         if not math.isfinite(lowest):
             raise InputError("differences between queries and rows: expected finite numbers")
         if m <= settings.length:
             # The minimum over so few queries says little, so the lowest possible value is used.
-            lowest = least(settings.normalisation_rows)
+            lowest = least_contrast(settings.normalisation_rows)
         self.base = np.float32(lowest * (settings.length + 1) if settings.subtract_minimum else 0)
 
     def blocks(self) -> Iterator[tuple[NDArray[np.int64], Costs]]:

@@ -4,10 +4,11 @@ A column of a Scan Context is engaged if it holds anything. At a shift, the simi
 Contexts is the mean cosine of the columns that are engaged in both: a sum of cosines, from a
 circular correlation, over a count of columns, from bit sets.
 
-1. `products` multiplies the spectra of database rows with that of a query, which gives the spectra
-   of the sums of cosines at all shifts.
-2. `packed` makes bit sets of engaged columns, whose common bits count the shared columns.
-3. `best` and `highest` divide the sums by the counts, and find the best shift of each row.
+1. `multiply_spectra` multiplies the spectra of database rows with that of a query, which gives the
+   spectra of the sums of cosines at all shifts.
+2. `pack_masks` makes the bit sets of engaged columns, whose common bits count the shared columns.
+3. `best_shifts` and `highest_similarities` divide the sums by the counts, and find the best shift
+   of each row.
 """
 
 import math
@@ -23,7 +24,7 @@ NO_SHIFT = np.float32(-4)
 """Stands for the mean cosine of a shift that does not count; below every real mean cosine."""
 
 
-def packed(engaged: NDArray[np.bool_]) -> NDArray[np.uint64]:
+def pack_masks(engaged: NDArray[np.bool_]) -> NDArray[np.uint64]:
     """Pack a mask of engaged columns (n, sector) into bit sets (n, words)."""
     words = -(-engaged.shape[1] // WORD)
     bits = np.zeros((len(engaged), words * WORD), bool)
@@ -42,7 +43,7 @@ def _bit_count(context, word):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def products(columns, factors, rows, out_spectra):  # type: ignore[no-untyped-def]
+def multiply_spectra(columns, factors, rows, out_spectra):  # type: ignore[no-untyped-def]
     """Write to `out_spectra` (m, frequency) the correlations' spectra of m `rows` with a query.
 
     `columns` (n, frequency, 2 rings) are the database's spectra. They are multiplied by the query's
@@ -50,7 +51,7 @@ def products(columns, factors, rows, out_spectra):  # type: ignore[no-untyped-de
     the type of the factors. Four rows are processed together, so that the factors are read once for
     all four; the last group is filled up with the last row.
     """
-    # a, b, c and d are the spectra of rows i, j, k and m.
+    # a, b, c and d are the spectra of the rows numbered i, j, k and m in `rows`.
     frequencies, _, numbers = factors.shape
     last_row = len(rows) - 1
     zero = factors.dtype.type(0)
@@ -99,10 +100,12 @@ def _count(mask, shifted_masks, out_counts):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
-def best(  # type: ignore[no-untyped-def]
+def best_shifts(  # type: ignore[no-untyped-def]
     sums, masks, shifted_masks, least_engaged, out_similarities, out_shifts
 ):
     """Write each row's highest mean cosine to `out_similarities` (m,), its shift to `out_shifts`.
+
+    A shift is a number of columns.
 
     `sums` (m, shift) are sums of cosines, `masks` (m, words) and `shifted_masks` (shift, words) the
     bit sets of the rows and the query. A shift counts if it shares at least the share
@@ -127,10 +130,10 @@ def best(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def highest(  # type: ignore[no-untyped-def]
+def highest_similarities(  # type: ignore[no-untyped-def]
     sums, masks, shifted_masks, least_engaged, out_similarities
 ):
-    """Like `best`, but in float32 and without the shift, so that the compiler can vectorise it."""
+    """Like `best_shifts`, but in float32 and without the shift, so that it can be vectorised."""
     counts = np.empty(sums.shape[1], np.float32)
     for i in range(len(sums)):
         largest_count = _count(masks[i], shifted_masks, counts)

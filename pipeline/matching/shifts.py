@@ -83,7 +83,7 @@ class Spectra:
         similarities = np.empty(len(rows))
         best_shifts = np.empty(len(rows), np.int64)
         for part, sums in self._correlations(query, rows):
-            kernels.best(
+            kernels.best_shifts(
                 sums,
                 self._masks[rows[part]],
                 shifted_masks,
@@ -115,7 +115,7 @@ class Spectra:
         shifted_masks = _shifted_masks(heights_m)
         similarities = np.empty(len(rows), np.float32)
         for part, sums in self._correlations(query, rows):
-            kernels.highest(
+            kernels.highest_similarities(
                 sums,
                 self._masks[rows[part]],
                 shifted_masks,
@@ -137,7 +137,7 @@ class Spectra:
     @cached_property
     def _masks(self) -> NDArray[np.uint64]:
         """Bit sets (n, words) of the engaged columns of each row."""
-        return kernels.packed(self.engaged > 0)
+        return kernels.pack_masks(self.engaged > 0)
 
     def _correlations(
         self, query: NDArray[np.complexfloating], rows: NDArray[np.int64]
@@ -156,7 +156,7 @@ class Spectra:
         for i in range(0, len(rows), BLOCK):
             part = slice(i, min(i + BLOCK, len(rows)))
             out = spectra[: part.stop - i]
-            kernels.products(self.columns, factors_of_parts, rows[part], out_spectra=out)
+            kernels.multiply_spectra(self.columns, factors_of_parts, rows[part], out_spectra=out)
             yield part, fft.irfft(out, self.engaged.shape[1])
 
     def read_heights(self, views: Rows) -> NDArray[np.float32]:
@@ -226,7 +226,7 @@ class Spectra:
 
 def _shifted_masks(heights_m: NDArray[np.float32]) -> NDArray[np.uint64]:
     """Bit sets (shift, words) of the engaged columns of a Scan Context at every shift."""
-    return kernels.packed(circulant(_engaged(heights_m[None])[0] > 0).T)
+    return kernels.pack_masks(circulant(_engaged(heights_m[None])[0] > 0).T)
 
 
 def _engaged(heights_m: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -22,9 +22,9 @@ Weights = Mapping[str, NDArray[Any]]
 NET = "net/"
 """Prefix of the weights within a model."""
 RING = f"{NET}fc1"
-"""The weights of the first dense layer (FC1) in a model of `sci_ring`: one slice per sector."""
+"""Name of the weights of the first dense layer (FC1) in a model of `sci_ring`: a slice a sector."""
 LENET = f"{NET}head.2.weight"
-"""The weights of the first dense layer in a model of `sci`."""
+"""Name of the weights of the first dense layer in a model of `sci`."""
 CONVOLUTIONS = (("features.0", "features.3"), ("features.4", "features.7"), ("features.8", ""))
 """Names of each convolution and of the batch norm behind it; the last has no batch norm."""
 EPSILON = 1e-3
@@ -44,20 +44,21 @@ class Layer:
     """(filters,) bias of the convolution."""
     rows: int
     columns: int
-    """Size of the kernels."""
+    """Size of the kernels in pixels; rows are rings, columns are sectors."""
     wraps: bool
     """Whether the convolution wraps around the sectors."""
     scale: Floats
+    """(filters,) the factor of the batch norm."""
     offset: Floats
-    """(filters,) the batch norm, as one scale and offset."""
+    """(filters,) what the batch norm adds."""
 
     def __call__(self, image: Floats) -> Floats:
         """The features (rings / 2, sectors / 2, filters) of an image (rings, sectors, channels)."""
         above = self.rows // 2
         aside = self.columns // 2
-        beyond: Literal["wrap", "constant"] = "wrap" if self.wraps else "constant"
+        padding: Literal["wrap", "constant"] = "wrap" if self.wraps else "constant"
         padded = np.pad(image, ((above, above), (0, 0), (0, 0)))
-        padded = np.pad(padded, ((0, 0), (aside, aside), (0, 0)), mode=beyond)
+        padded = np.pad(padded, ((0, 0), (aside, aside), (0, 0)), mode=padding)
         rings, sectors, channels = image.shape
         # A view of all windows without a copy: a row of a window is one piece of memory.
         windows = np.lib.stride_tricks.as_strided(
@@ -68,9 +69,9 @@ class Layer:
         )
         filtered = windows.reshape(rings * sectors, -1) @ self.kernels
         filtered = filtered.reshape(rings, sectors, -1)[: rings // 2 * 2, : sectors // 2 * 2]
-        wide = np.maximum(filtered[0::2], filtered[1::2])
-        largest = np.maximum(wide[:, 0::2], wide[:, 1::2]) + self.bias
-        return np.asarray(np.maximum(largest, np.float32(0)) * self.scale + self.offset)
+        pooled_rows = np.maximum(filtered[0::2], filtered[1::2])
+        pooled = np.maximum(pooled_rows[:, 0::2], pooled_rows[:, 1::2]) + self.bias
+        return np.asarray(np.maximum(pooled, np.float32(0)) * self.scale + self.offset)
 
 
 class Outputs(NamedTuple):
@@ -96,7 +97,7 @@ class Plain:
     """(256, channels) the colour of each quantized height."""
     h_min_m: float
     h_max_m: float
-    """Heights are clipped to this range before they are quantized."""
+    """Heights are clipped to [h_min_m, h_max_m] before they are quantized."""
 
     @classmethod
     def is_in(cls, model: Weights) -> bool:
@@ -175,10 +176,12 @@ def _layer(weights: Weights, convolution: str, norm: str, wraps: bool) -> Layer:
 
 
 def _circular_mean_deg(probabilities: NDArray[Any]) -> NDArray[Any]:
-    """The circular mean heading (n,) of probabilities (heading, n)."""
-    angles = np.linspace(0, 2 * np.pi, len(probabilities), endpoint=False, dtype=np.float32)
+    """The circular mean heading (n,) in degrees of probabilities (heading, n)."""
+    angles_rad = np.linspace(0, 2 * np.pi, len(probabilities), endpoint=False, dtype=np.float32)
     return wrapped_deg(
-        np.rad2deg(np.arctan2(np.sin(angles) @ probabilities, np.cos(angles) @ probabilities))
+        np.rad2deg(
+            np.arctan2(np.sin(angles_rad) @ probabilities, np.cos(angles_rad) @ probabilities)
+        )
     )
 
 

@@ -276,7 +276,7 @@ def _stamp_ns(stem: str) -> int | None:
         return None
     is_whole = stem.isascii() and stem.isdecimal()
     unit = folder.unit_of(stem) if is_whole else "s"
-    return folder.stamp_ns(stem, unit) if unit in folder.UNIT_NS else None
+    return folder.parse_stamp_ns(stem, unit) if unit in folder.UNIT_NS else None
 
 
 def _poses_at(odometry: Track, stamps_ns: Stamps) -> Poses:

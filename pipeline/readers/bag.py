@@ -22,7 +22,7 @@ from pipeline.formats.bag import CLOUD, IMU, SWEEP
 from pipeline.formats.bag_file import BagFile
 from pipeline.readers import log
 from pipeline.readers.bag_clouds import Clouds
-from pipeline.readers.bag_heading import heading
+from pipeline.readers.bag_heading import integrate_heading
 from pipeline.readers.bag_poses import KINDS, Track, read_track
 from pipeline.readers.log import Log
 from pipeline.readers.mounting import Transforms
@@ -109,7 +109,9 @@ class Bag:
         imu_heading = None
         if self.imu:
             vehicle_R_lidar = vehicle_T_lidar[:3, :3]
-            imu_heading = heading(files, self.imu, clouds.frames, vehicle_R_lidar, self.max_gap_s)
+            imu_heading = integrate_heading(
+                files, self.imu, clouds.frames, vehicle_R_lidar, self.max_gap_s
+            )
         uncertainty = odometry.uncertainty if odometry else None
         sources = (clouds, ground_truth, odometry, imu_heading)
         source_notes = [note for source in sources if source for note in source.notes]

@@ -1,7 +1,7 @@
 """Reads the clouds (PointCloud2) or sweeps (LaserScan) of one topic from the bags of a drive.
 
-Opening reads all headers and sorts the messages by stamp; the points of a message are read from
-the bag when they are asked for, so that only one message is in memory.
+`Clouds.read` reads all headers and sorts the messages by stamp. The points of a message are read
+from the bag when they are wanted, so that only one message is in memory.
 """
 
 from collections import Counter
@@ -84,18 +84,18 @@ class Clouds:
             )
         if not messages:
             raise LogError(f"{files[0].path}: {topic} holds no message that can be read")
-        times, stamp_notes = message_stamps(
+        stamps_ns, stamp_notes = message_stamps(
             topic, [(message.stamp_ns, message.key.received_ns) for message in messages]
         )
-        order = np.argsort(times, kind="stable")
-        is_new = np.diff(times[order], prepend=np.int64(-1)) > 0  # no stamp is as early as −1
+        order = np.argsort(stamps_ns, kind="stable")
+        is_new = np.diff(stamps_ns[order], prepend=np.int64(-1)) > 0  # no stamp is as early as −1
         skipped["stamp of an earlier one"] += int((~is_new).sum())
         order = order[is_new]
         ordered_messages = [messages[i] for i in order]
         return Clouds(
             topic=topic,
             kind=kinds.pop(),
-            stamps_ns=times[order],
+            stamps_ns=stamps_ns[order],
             frames=frames,
             messages=ordered_messages,
             notes=notes + stamp_notes,

@@ -55,14 +55,14 @@ class Heading:
         return np.asarray(heading_rad)
 
 
-def heading(
+def integrate_heading(
     files: Sequence[BagFile],
     topic: str,
     lidar_frames: set[str],
     vehicle_R_lidar: NDArray[np.float64],
     max_gap_s: float,
 ) -> Heading:
-    """The heading of a vehicle, integrated from the rates of turn of an IMU's topic.
+    """Integrate the heading of a vehicle from the rates of turn in an IMU's topic.
 
     `vehicle_R_lidar` (3, 3) and the fixed transforms between the frames of LiDAR and IMU give the
     IMU's axis that points up; without such transforms its z axis is taken. Raises LogError if no

@@ -215,7 +215,7 @@ class Folder:
         if not is_number or len(stem) > 40:  # so long a number would be slow to convert
             return None
         if self.poses_format == "tum":
-            return files.stamp_ns(stem, self.stamps)
+            return files.parse_stamp_ns(stem, self.stamps)
         if stem.isdecimal() and int(stem) < len(pose_stamps_ns):
             return int(pose_stamps_ns[int(stem)])
         return None
@@ -269,7 +269,9 @@ def read_tum(path: Path) -> tuple[Stamps, Poses]:
 
     Raises LogError naming the wrong row.
     """
-    stamps, rows = files.tum(path, log.read_bytes(path, 1, "bytes").decode("utf-8-sig", "replace"))
+    stamps, rows = files.parse_tum(
+        path, log.read_bytes(path, 1, "bytes").decode("utf-8-sig", "replace")
+    )
     if not stamps:
         raise LogError(f"{path}: holds no rows")
     stamps_ns = np.array(stamps, np.int64)
@@ -313,7 +315,7 @@ def read_kitti(path: Path, times_path: Path) -> tuple[Stamps, Poses]:
     times_s = log.table(times_path, 1)[:, 0]
     if len(rows) != len(times_s):
         raise LogError(f"{times_path}: {len(times_s)} times for {len(rows)} poses in {path}")
-    poses = kitti.matrix(rows)
+    poses = kitti.to_poses(rows)
     is_finite: NDArray[np.bool_] = np.all(np.isfinite(rows), axis=1)
     log.refuse_poses(path, poses, is_finite)
     poses[~is_finite] = np.nan

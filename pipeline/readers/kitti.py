@@ -141,7 +141,7 @@ def read_poses(poses_path: str | Path, calib_path: str | Path) -> NDArray[np.flo
 def read_camera_poses(path: Path) -> NDArray[np.float64]:
     """Poses (n, 4, 4) of camera 0 in its first frame; raises LogError naming a row that is none."""
     rows = log.table(path, 12)
-    first_T_cam = kitti.matrix(rows)
+    first_T_cam = kitti.to_poses(rows)
     log.refuse_poses(path, first_T_cam, np.ones(len(rows), bool))
     return first_T_cam
 
@@ -169,7 +169,7 @@ def read_calibration(path: Path) -> NDArray[np.float64]:
         raise LogError(
             f"{path}: expected a row 'Tr:' with 12 numbers, the camera's frame from the Velodyne's"
         )
-    cam_T_velo: NDArray[np.float64] = kitti.matrix(numbers[None])[0]
+    cam_T_velo: NDArray[np.float64] = kitti.to_poses(numbers[None])[0]
     R = cam_T_velo[:3, :3].clip(-2, 2)  # no number that could overflow below
     if not np.allclose(R @ R.T, np.eye(3), atol=1e-3) or np.linalg.det(R) < 0:
         raise LogError(

@@ -246,6 +246,7 @@ def refuse_unposed(
 
 
 def _span(stamps_ns: Stamps) -> str:
+    """The first and the last of the stamps (n,), in seconds since 1970, as text."""
     return f"{stamps_ns[0] / 1e9:.3f} … {stamps_ns[-1] / 1e9:.3f} s"
 
 

@@ -67,6 +67,7 @@ def _move_old_locks(root: Path) -> None:
 
 
 def _is_whole(lock: Path) -> bool:
+    """Whether a lock file is a yaml table, and not cut off in the middle."""
     try:
         return isinstance(yaml.load(lock.read_text(encoding="utf-8"), Yaml), dict)
     except (ValueError, yaml.YAMLError):

@@ -28,7 +28,8 @@ def tum_text(estimate: Estimates) -> str:
     """A line for each scan with a pose: stamp in s, x y z in m, the quaternion qx qy qz qw."""
     text = ""
     for row in np.flatnonzero(estimate.posed).tolist():
-        text += folder.tum_row(int(estimate.stamps_ns[row]), estimate.world_T_scan[row]) + "\n"
+        stamp_ns = int(estimate.stamps_ns[row])
+        text += folder.format_tum_row(stamp_ns, estimate.world_T_scan[row]) + "\n"
     return text
 
 

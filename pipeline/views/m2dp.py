@@ -55,7 +55,8 @@ class M2dp:
         counts = self.counts(points_m)
         if not counts.any():
             return np.zeros(sum(counts.shape), np.float32)
-        return np.concatenate(kernel.leading(counts / len(points_m))).astype(np.float32)
+        of_planes, of_bins = kernel.first_singular_vectors(counts / len(points_m))
+        return np.concatenate([of_planes, of_bins]).astype(np.float32)
 
     def counts(self, points_m: NDArray[np.floating]) -> NDArray[np.int64]:
         """Count the points (n, 3) in each bin of each plane (plane, circle · sector).

@@ -3,10 +3,10 @@ and the first singular vectors of the counts.
 
 With 16 sectors, a point's sector follows from the signs of its two coordinates on the plane and
 from one slope, its circle from the fourth root of r², since radii grow as squares. Both are found
-in float32, which the compiler turns into SIMD. Points so near to the border of a bin that float32
-may err are done again in float64, so that bins are exact at every border. All planes look at one
-block of points while it lies in the L1 cache. Counts go to four separate tables, since successive
-points often share a bin and would wait for each other.
+in float32, which the compiler turns into SIMD. For points so near to the border of a bin that
+float32 may err, the bin is found again in float64, so that bins are exact at every border. All
+planes look at one block of points while it lies in the L1 cache. Counts go to four separate tables:
+successive points often share a bin, and in one table each would wait for the previous write.
 """
 
 import math
@@ -17,7 +17,7 @@ from numba import njit, uint32
 from pipeline.views.kernels import HALF, NAN_SAFE, ZERO
 
 BLOCK = 256
-"""Points handled at once."""
+"""Points handled at once, so that their intermediate results stay in the L1 cache."""
 COPIES = 4
 """Number of separate tables of counts."""
 QUICK = 16
@@ -41,7 +41,10 @@ SMALL_CHANGE = 1e-12
 
 @njit(cache=True, nogil=True, fastmath=NAN_SAFE, error_model="numpy")
 def moments(points):  # type: ignore[no-untyped-def]
-    """Mean (3,) of points (n, 3), scatter matrix (3, 3) and largest distance about it."""
+    """Mean (3,) in m of points (n, 3), scatter matrix (3, 3) in m², and largest distance in m.
+
+    The scatter matrix and the distance are about the mean.
+    """
     n = points.shape[0]
     x0 = y0 = z0 = 0.0
     for i in range(n):
@@ -77,7 +80,8 @@ def bin_counts(  # type: ignore[no-untyped-def]
     Returns tables (plane, COPIES · circle · sector), whose COPIES are to be added up; sector s is
     counted at `place[s]`. `mean` (3,) and `farthest_m` come from `moments`. The columns of `axes`
     (3, 3) are the axes that the points are turned to, and `planes` (plane, 2, 3) are each plane's
-    axes u and v in them. `radii` (circle + 1,) and `angles` (sector + 1,) are the borders of bins.
+    axes u and v in them. `radii` (circle + 1,) in metres and `angles` (sector + 1,) in radians are
+    the borders of the bins.
     """
     n = points.shape[0]
     sectors = len(place)
@@ -94,10 +98,10 @@ def bin_counts(  # type: ignore[no-untyped-def]
     unit = 1.0 / farthest_m
     n_circles = np.float32(circles)
     last_ring = np.int32(circles - 1)
-    columns = np.int32(sectors)
-    # A position in a ring is sure if it is nearer to the ring's middle than this. The position is
-    # circles · √r, of slope circles / (2 √r), which is at most circles² / 2 from the border of the
-    # innermost circle on; so twice the error of r is allowed for.
+    sector_count = np.int32(sectors)
+    # Float32 is sure of a ring if the position is nearer to the ring's middle than this. The
+    # position is circles · √r, of slope circles / (2 √r), which is at most circles² / 2 from the
+    # border of the innermost circle on; so twice the error of r is allowed for.
     edge = HALF - ERROR * np.float32(circles * circles)
     for start in range(0, n, BLOCK):
         m = min(BLOCK, n - start)
@@ -123,7 +127,7 @@ def bin_counts(  # type: ignore[no-untyped-def]
             vy = np.float32(planes[p, 1, 1])
             vz = np.float32(planes[p, 1, 2])
             table = tables[p]
-            # 2. Find the bins on this plane in float32, and which of them are not sure.
+            # 2. Find the bins on this plane in float32, and the points near a border.
             for i in range(m):
                 u = ux * xs[i] + uy * ys[i] + uz * zs[i]
                 v = vx * xs[i] + vy * ys[i] + vz * zs[i]
@@ -140,14 +144,14 @@ def bin_counts(  # type: ignore[no-untyped-def]
                 ring_position = np.sqrt(np.sqrt(u * u + v * v)) * n_circles
                 ring = min(np.int32(ring_position), last_ring)
                 ring_position -= np.float32(ring)
-                ids[i] = uint32(ring * columns + code)
+                ids[i] = uint32(ring * sector_count + code)
                 margin = min(min(low, high - low), abs(slope))
                 is_near_border[i] = np.uint8((margin < ERROR) | (abs(ring_position - HALF) > edge))
-            # 3. Find the bins of unsure points again in float64, or those of all points.
-            unsure_points = np.int32(0)
+            # 3. Find the bins of points near a border again in float64, or those of all points.
+            near_border_count = np.int32(0)
             for i in range(m):
-                unsure_points += np.int32(is_near_border[i])
-            if unsure_points > 0 or not is_quick:
+                near_border_count += np.int32(is_near_border[i])
+            if near_border_count > 0 or not is_quick:
                 for i in range(m):
                     if is_near_border[i] or not is_quick:
                         x = exact[i, 0]
@@ -156,7 +160,7 @@ def bin_counts(  # type: ignore[no-untyped-def]
                         u = planes[p, 0, 0] * x + planes[p, 0, 1] * y + planes[p, 0, 2] * z
                         v = planes[p, 1, 0] * x + planes[p, 1, 1] * y + planes[p, 1, 2] * z
                         ids[i] = _exact_bin(u, v, radii, angles, place)
-            # 4. Count them, every fourth point in the same table.
+            # 4. Count the points of each bin; point i goes to table i mod 4.
             whole_fours = m & ~3
             for i in range(0, whole_fours, COPIES):
                 for copy in range(COPIES):
@@ -167,7 +171,7 @@ def bin_counts(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=NAN_SAFE, error_model="numpy")
-def leading(shares):  # type: ignore[no-untyped-def]
+def first_singular_vectors(shares):  # type: ignore[no-untyped-def]
     """The first left (m,) and right (n,) singular vector of a non-negative matrix (m, n).
 
     They have no negative entries either (Perron and Frobenius), and power iteration from a positive
@@ -203,7 +207,7 @@ def leading(shares):  # type: ignore[no-untyped-def]
 # Without fastmath=False the caller's fast-math would apply.
 @njit(cache=True, nogil=True, fastmath=False, error_model="numpy")
 def _exact_bin(u, v, radii, angles, place):  # type: ignore[no-untyped-def]
-    """The number of the bin of (u, v) on a plane, in float64 (METHODS 3.1).
+    """The number of the bin of (u, v), in metres on a plane, found in float64 (METHODS 3.1).
 
     A border belongs to the bin above it, and the last bin takes what lies beyond.
     """

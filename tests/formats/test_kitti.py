@@ -8,7 +8,7 @@ from pipeline.formats.kitti import (
     CAM_T_VELO,
     decode,
     encode,
-    matrix,
+    to_poses,
     write_calib,
     write_poses,
     write_times,
@@ -16,7 +16,7 @@ from pipeline.formats.kitti import (
 
 
 def test_twelve_numbers_are_three_rows_of_a_pose() -> None:
-    found = matrix(np.arange(24.0).reshape(2, 12))
+    found = to_poses(np.arange(24.0).reshape(2, 12))
     np.testing.assert_array_equal(
         found[1], [[12, 13, 14, 15], [16, 17, 18, 19], [20, 21, 22, 23], [0, 0, 0, 1]]
     )
@@ -52,7 +52,7 @@ def test_text_files_have_twelve_numbers_a_row(tmp_path: Path) -> None:
     write_calib(tmp_path / "calib.txt")
     rows = dict(line.split(": ") for line in (tmp_path / "calib.txt").read_text().splitlines())
     assert list(rows) == ["P0", "P1", "P2", "P3", "Tr"]
-    np.testing.assert_allclose(matrix(np.array([rows["Tr"].split()], float))[0], CAM_T_VELO)
+    np.testing.assert_allclose(to_poses(np.array([rows["Tr"].split()], float))[0], CAM_T_VELO)
     assert {len(row.split()) for row in rows.values()} == {12}
 
 

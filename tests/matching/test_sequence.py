@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from pipeline.matching import sequence
-from pipeline.matching.sequence import cheapest, contrast, least, runner_up, runs, search
+from pipeline.matching.sequence import (
+    cheapest,
+    enhance_contrast,
+    least_contrast,
+    runner_up,
+    runs,
+    search,
+)
 
 SPEEDS = (0.8, 1.2, 0.1)
 """Slowest and fastest speed, and the step between speeds."""
@@ -18,7 +25,7 @@ def official() -> np.ndarray:
 
 
 def plain_contrast(differences: np.ndarray, half: int) -> np.ndarray:
-    """`contrast` with windows of ± `half` rows, in numpy's float64."""
+    """`enhance_contrast` with windows of ± `half` rows, in numpy's float64."""
     out = np.zeros(differences.shape)
     for i in range(len(differences)):
         window = differences[max(i - half, 0) : i + half + 1].astype(np.float64)
@@ -50,7 +57,7 @@ def plain_search(enhanced: np.ndarray, length: int, moves: list[int]) -> np.ndar
 
 
 def test_the_official_code_s_enhanced_differences_matches_and_ratios() -> None:
-    enhanced = contrast(official(), 10)
+    enhanced = enhance_contrast(official(), 10)
     enhanced -= enhanced.min()
     assert enhanced.dtype == np.float32
     np.testing.assert_allclose(
@@ -74,7 +81,7 @@ def test_the_official_code_s_enhanced_differences_matches_and_ratios() -> None:
 def test_contrast_is_each_column_s_own_in_a_window_that_ends_with_the_rows(rows: int) -> None:
     differences = np.random.default_rng(0).random((37, 5)).astype(np.float32)
     np.testing.assert_allclose(
-        contrast(differences, rows), plain_contrast(differences, rows // 2), atol=2e-6
+        enhance_contrast(differences, rows), plain_contrast(differences, rows // 2), atol=2e-6
     )
 
 
@@ -82,28 +89,32 @@ def test_running_sums_do_not_drift() -> None:
     # Float32 sums of a million and a few would be off by their last digit, 0.06, each time that one
     # is added or taken off.
     differences = (1e6 + np.random.default_rng(0).normal(0, 50, (3_000, 3))).astype(np.float32)
-    np.testing.assert_allclose(contrast(differences, 10), plain_contrast(differences, 5), atol=1e-5)
+    np.testing.assert_allclose(
+        enhance_contrast(differences, 10), plain_contrast(differences, 5), atol=1e-5
+    )
 
 
 def test_columns_beyond_a_block_are_as_the_first() -> None:
     differences = np.random.default_rng(0).random((15, 7)).astype(np.float32)
     wide = np.tile(differences, (1, 300))  # 2,100 columns
     assert wide.shape[1] > sequence.BLOCK
-    np.testing.assert_array_equal(contrast(wide, 10), np.tile(contrast(differences, 10), (1, 300)))
+    np.testing.assert_array_equal(
+        enhance_contrast(wide, 10), np.tile(enhance_contrast(differences, 10), (1, 300))
+    )
     costs = search(wide, runs(3, *SPEEDS))
     assert costs.shape[1] > sequence.BLOCK
     np.testing.assert_array_equal(costs[:, 7:], costs[:, :-7])
 
 
 def test_what_does_not_vary_has_no_contrast_and_the_least_is_one_low_value_among_equals() -> None:
-    assert not contrast(np.full((9, 2), 0.1, np.float32), 4).any()
-    assert not contrast(np.full((1, 2), 3.0, np.float32), 10).any()
-    assert contrast(np.empty((0, 2), np.float32), 10).shape == (0, 2)
+    assert not enhance_contrast(np.full((9, 2), 0.1, np.float32), 4).any()
+    assert not enhance_contrast(np.full((1, 2), 3.0, np.float32), 10).any()
+    assert enhance_contrast(np.empty((0, 2), np.float32), 10).shape == (0, 2)
     column = np.full((30, 1), 9.0, np.float32)
     column[15] = 1
     # (1 − 91 / 11) / √(64 · 10/11 / 10) = −10 / √11
-    assert contrast(column, 10)[15, 0] == pytest.approx(least(10))
-    assert least(10) == pytest.approx(-10 / 11**0.5)
+    assert enhance_contrast(column, 10)[15, 0] == pytest.approx(least_contrast(10))
+    assert least_contrast(10) == pytest.approx(-10 / 11**0.5)
 
 
 def test_a_run_is_counted_from_its_middle_in_whole_rows() -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pipeline.core.errors import InputError
 from pipeline.matching.database import Database
 from pipeline.matching.ranking import Rows
-from pipeline.matching.shift_kernels import packed
+from pipeline.matching.shift_kernels import pack_masks
 from pipeline.matching.shifts import Spectra
 from pipeline.readers.kitti import read_velodyne
 from pipeline.views.scan_context import ScanContext
@@ -160,7 +160,7 @@ def test_a_ranking_is_that_of_all_rows(distinct: bool):
 @pytest.mark.parametrize("sectors", [3, 64, 65, 120, 200])
 def test_bit_sets_hold_every_column(sectors: int):
     engaged = np.random.default_rng(0).random((5, sectors)) < 0.5
-    words = packed(engaged)
+    words = pack_masks(engaged)
     assert words.shape == (5, -(-sectors // 64))
     assert [sum(int(word).bit_count() for word in row) for row in words] == engaged.sum(
         axis=1

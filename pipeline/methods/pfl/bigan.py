@@ -38,7 +38,7 @@ def halvings(width: int, channels: int) -> nn.Sequential:
     return nn.Sequential(*layers, nn.Flatten())
 
 
-def features(width: int, channels: int) -> nn.Sequential:
+def feature_layers(width: int, channels: int) -> nn.Sequential:
     """A discriminator's features (batch, 16 · width) of images (batch, channels, 64, 64)."""
     return nn.Sequential(
         halvings(width, channels),
@@ -118,7 +118,7 @@ class ImageDiscriminator(nn.Module):
 
     def __init__(self, width: int = 64, channels: int = 1, head: Head = "scalar") -> None:
         super().__init__()
-        self.features = features(width, channels)
+        self.features = feature_layers(width, channels)
         self.head: nn.Module = nn.Linear(16 * width, 1) if head == "scalar" else nn.Identity()
         initialise(self)
 
@@ -140,7 +140,7 @@ class JointDiscriminator(nn.Module):
         super().__init__()
         code_width = 16 * width
         joint_width = 32 * width
-        self.features = features(width, channels)
+        self.features = feature_layers(width, channels)
         self.code = nn.Sequential(
             nn.Dropout(0.2),
             nn.Linear(code, code_width),
