@@ -1,4 +1,4 @@
-"""How a number changes with the days since training, and when training again is due.
+"""How a metric changes with the days since training, and when training again is due.
 
 In: one value for each test sequence, and the days from training to it. Out: a straight line through
 the values by least squares, the interval of its slope, and the day on which a tenth of the value on
@@ -23,9 +23,9 @@ TINY = 1e-150
 
 @dataclass(frozen=True)
 class Line:
-    """A value v = intercept + slope · days, fitted to `number` sequences."""
+    """A value v = intercept + slope · days, fitted to `sequence_count` sequences."""
 
-    number: int
+    sequence_count: int
     intercept: float
     """The value on the day of training."""
     slope: float
@@ -36,8 +36,8 @@ class Line:
     p: float
     """Two-sided p value of the hypothesis that the slope is 0; NaN with two sequences."""
     quantile: float
-    """The quantile of Student's t with number − 2 degrees of freedom by which intervals are wide;
-    NaN with two sequences, which leave no degree of freedom."""
+    """The half width of intervals in standard errors: the quantile of Student's t with
+    sequence_count − 2 degrees of freedom. NaN with two sequences, which leave none."""
     covariance: NDArray[np.float64]
     """(2, 2) covariance of intercept and slope."""
 
@@ -93,7 +93,7 @@ class Ageing:
     """Settings of the lines over the days (conf/results.yaml)."""
 
     loss: InnerShare = 0.1
-    """Training again is due once this share of a number's value on day 0 is lost."""
+    """Training again is due once this fraction of a metric's value on day 0 is lost."""
     level: InnerShare = 0.95
     """Confidence level of the intervals."""
 
@@ -125,7 +125,7 @@ class Ageing:
         earlier, later = np.nonzero(x[:, None] < x)  # all pairs on different days
         pair_slopes = (y[later] - y[earlier]) / (x[later] - x[earlier])
         return Line(
-            number=n,
+            sequence_count=n,
             intercept=float(y.mean() - slope * x.mean()),
             slope=slope,
             middle_slope=float(np.median(pair_slopes)),
@@ -145,5 +145,5 @@ def newness(evaluation: Evaluation, validation: NDArray[np.float64]) -> float:
     if not len(seen) or not len(validation):
         return np.nan
     median = np.median(seen)
-    # the mean of both shares, so that equal novelties count half
+    # the mean of both fractions, so that equal novelties count half
     return float(50 * ((validation < median).mean() + (validation <= median).mean()))

@@ -1,6 +1,6 @@
-"""Paired comparisons: two evaluations of the same queries in; the difference of a number out.
+"""Paired comparisons: two evaluations of the same queries in; the difference of a metric out.
 
-On a hard stretch of the path every method does badly. The number is therefore computed for both
+On a hard stretch of the path every method does badly. The metric is therefore computed for both
 evaluations on the same resamples of the path (`bootstrap`), so that what is hard for both cancels
 out. `compare` compares a method with the reference method, `kept_share` a model's answers to
 perturbed queries with its answers to the unperturbed queries.
@@ -19,15 +19,15 @@ from pipeline.evaluation.evaluations import Evaluation
 from pipeline.evaluation.numbers import Weight, auc_exact, share
 
 COMPARED = ("recall_at_1", "auc_exact_top1")
-"""The numbers whose differences are tested."""
+"""The metrics whose differences are tested."""
 LEVEL = 0.05
 """A difference is significant where its p, after Holm's correction, is below this."""
 AUC_SHARE_KEPT = "auc_exact_top1_kept"
-"""The name of the number of `kept_share` in the table of results."""
+"""The name of the metric of `kept_share` in the table of results."""
 
 
 class Difference(NamedTuple):
-    """One number of a method minus the reference's."""
+    """One metric of a method minus the reference's."""
 
     estimate: Estimate
     """Its interval is NaN where no resample defines the difference."""
@@ -50,7 +50,7 @@ class Comparison:
 def compare(
     method: Evaluation, reference: Evaluation, protocol: str, bootstrap: Bootstrap
 ) -> Comparison:
-    """Compare two methods' evaluations of the same queries, by each number of COMPARED.
+    """Compare two methods' evaluations of the same queries, by each metric of COMPARED.
 
     p = min(1, max(2 (1 + k) / (1 + r), 2 / 2**b))
 

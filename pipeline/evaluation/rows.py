@@ -1,8 +1,8 @@
 """The table of results: its columns, and the rows that one evaluation gives.
 
-A row is one number with its 95 % interval. The other columns say which model it belongs to, on
-which sequence, with which queries and by which protocol. Reports, figures and MLflow select from
-these rows with `pick` and `indexed`; `results` and `study_rows` gather them.
+A row is one value of a metric with its 95 % interval. The other columns say which model it belongs
+to, on which sequence, with which queries and by which protocol. Reports, figures and MLflow select
+from these rows with `pick` and `indexed`; `results` and `study_rows` gather them.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -57,6 +57,7 @@ COLUMN_TYPES: Mapping[str, type] = {
 - `variant`: empty for a method with its own settings.
 - `sequence`: empty for a number of all test sequences together.
 - `ask`: the kind of queries, one of the names below; `of` and `at` say which of this kind.
+- `number`: the name of the metric, such as `recall_at_1`; `protocol` says how answers are judged.
 - `repeat`: the number of the repetition of a perturbation that is drawn at random.
 - `low`, `high`: the bounds of the 95 % interval, NaN if there is none.
 """

@@ -2,7 +2,7 @@
 
 In: a study's evaluations, of several methods on several test sequences. Out: rows on
 
-- ageing: the line of a number over the days since training (`ageing`),
+- ageing: the line of a metric over the days since training (`ageing`),
 - the difference of each method from the reference (`paired`),
 - the queries near changes of the world (`events`),
 - viewpoints and reconstructions, whose artifacts are no evaluations (`viewpoints`).
@@ -48,10 +48,10 @@ AGEING = (
     ("cells", "recall_at_1"),
     ("cells", "auroc"),
 )
-"""Protocol and number of each line over the days. The first number is the cleanest, since it is not
+"""Protocol and metric of each line over the days. The first metric is the cleanest, since it is not
 affected by new streets or by streets driven in the other direction."""
 PERCENTILE = "novelty_percentile"
-"""The number of AGEING that says how new queries look (`ageing.newness`)."""
+"""The metric of AGEING that says how new queries look (`ageing.newness`)."""
 PER_DAYS = 100
 """Slopes are the change in this many days."""
 ORACLE = "oracle"
@@ -91,9 +91,9 @@ class Answers:
 
 
 def ageing_rows(answers: Answers, ageing: Ageing) -> TableRows:
-    """Rows of how each number of AGEING changes over the days, for each method.
+    """Rows of how each metric of AGEING changes over the days, for each method.
 
-    Where the oracle has such a number too, it has rows as well.
+    Where the oracle has such a metric too, it has rows as well.
     """
     reference = answers.evaluations[answers.reference]
     for protocol, number in AGEING:
@@ -113,7 +113,7 @@ def ageing_rows(answers: Answers, ageing: Ageing) -> TableRows:
             ]
         for method, values_of_method in values.items():
             rows = _line_rows(protocol, number, reference, values_of_method, ageing)
-            # An evaluation has rows of its own numbers already.
+            # An evaluation has rows of its own metrics already.
             is_new = method == ORACLE or number == PERCENTILE
             yield from (
                 {"method": method, **columns}
@@ -129,7 +129,7 @@ def _line_rows(
     values: Sequence[Estimate],
     ageing: Ageing,
 ) -> TableRows:
-    """Rows of one number on each sequence, of the line at its day, and of the line's slope."""
+    """Rows of one metric on each sequence, of the line at its day, and of the line's slope."""
     days = np.array([evaluation.days for evaluation in evaluations.values()], np.float64)
     line = ageing.line(days, np.array([estimate.value for estimate in values]))
     line_values = np.full((3, len(days)), np.nan) if line is None else line.at(days)
@@ -242,7 +242,7 @@ def event_rows(
 
 
 def viewpoint_rows(matches: ViewpointMatches) -> TableRows:
-    """Rows of one model on one sequence matched with itself, a row a number and query heading."""
+    """Rows of one model on one sequence matched with itself, a row a metric and query heading."""
     for heading_deg, values in zip(matches.headings_deg, matches.values, strict=True):
         columns = {"ask": VIEWPOINT, "of": HEADING, "at": float(heading_deg)}
         yield from number_rows(

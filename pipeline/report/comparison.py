@@ -17,11 +17,12 @@ from pipeline.evaluation.numbers import average, deviation
 from pipeline.evaluation.rows import PERTURBED, STRESS, UNPERTURBED, WITH_SHADOW
 from pipeline.studies.colours import method_of
 
-# By how much another seed may change the numbers of a model with one seed: means over a simulated
+# By how much another seed may change the metrics of a model with one seed: means over a simulated
 # year of three seeds deviate by .003 to .016 for SCI trained with one or two headings and for its
 # ring.
 ONE_SEED = 0.02
-# The columns that say which number a row is, and which of its repetitions.
+# The columns that say which metric a row holds, of which model and kind of queries (`case`), and
+# which of its repetitions.
 NUMBER = ["model", "case", "protocol", "number"]
 REPETITION = ["seed", "sequence", "repeat"]
 
@@ -143,7 +144,7 @@ class Comparison:
     def __init__(self, table: pd.DataFrame, n_way: Mapping[str, int]) -> None:
         """Take rows of the table of results.
 
-        `n_way` maps a model that was trained with scans turned to N headings to N. Raises
+        `n_way` maps a model to N if it was trained with N rotated copies of each scan. Raises
         InputError for no rows.
         """
         if table.empty:
@@ -170,7 +171,10 @@ class Comparison:
         self._no_values = np.full(shape, np.nan)
 
     def ways(self) -> dict[int, str]:
-        """The N-way trained models of the method that has most of them: N to model, ascending."""
+        """The models of N-way training, of the method that has most of them: N to model, ascending.
+
+        N is the number of rotated copies of each training scan.
+        """
         models_by_method: dict[str, dict[int, str]] = {}
         for model in self.models:
             if model in self._n_way:

@@ -36,10 +36,11 @@ from pipeline.report.study import StudyResults, against
 
 SLIGHT = 0.0005  # a smaller loss would be printed as 0
 BOTH = "both protocols"
-# A model that keeps this share of its AUC counts as keeping it, and a model that answers this share
-# of the queries right as nearly always right.
+# A model that keeps this fraction of its AUC counts as keeping it, and a model that answers this
+# fraction of the queries right as nearly always right.
 WHOLE = 0.95
-# The SCI paper (Kim, Park and Kim, RA-L 2019) finds that training at so many headings suffices.
+# The N of the N-way training (N rotated copies of each training scan) that suffices, as the SCI
+# paper finds (Kim, Park and Kim, RA-L 2019).
 PAPERS_WAYS = 4
 
 

@@ -728,10 +728,10 @@ def every_case(comparison: Comparison, measures: Sequence[Measure]) -> Table:
                 model,
                 kind.label,
                 count(comparison.seeds[model]),
-                _over_sequences(comparison, model, kind, first),
+                _mean_and_spread(comparison, model, kind, first),
                 number(measurement.over_repeats, 3),
                 number(measurement.over_seeds, 3),
-                *(_over_sequences(comparison, model, kind, measure) for measure in others),
+                *(_mean_and_spread(comparison, model, kind, measure) for measure in others),
             )
         )
     deviations = ("± over repeats", "± over seeds")
@@ -752,12 +752,12 @@ def over_kinds(comparison: Comparison, measure: Measure) -> Table:
         ("model",),
         [((model,), model) for model in comparison.ordered(kinds[-1], measure)],
         [(kind.label, kind) for kind in kinds],
-        lambda model, kind: _over_sequences(comparison, model, kind, measure),
+        lambda model, kind: _mean_and_spread(comparison, model, kind, measure),
         title=measure.title,
     )
 
 
-def _over_sequences(comparison: Comparison, model: str, kind: Kind, measure: Measure) -> Cell:
+def _mean_and_spread(comparison: Comparison, model: str, kind: Kind, measure: Measure) -> Cell:
     """The mean of a measure ± its standard deviation over the sequences."""
     return spread(comparison.measurement(model, kind, measure).by_sequence, measure.digits)
 

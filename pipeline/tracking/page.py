@@ -40,7 +40,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 KEY = "yearloc"
 MAJOR = "3"  # the version of MLflow whose page knows such a view
-# The y scale of shares. A scale cut to the data would make a hundredth look like a season.
+# The y scale of metrics between 0 and 1. A scale cut to the data would make a change of a hundredth
+# look large.
 SCALE = {"yMin": -0.02, "yMax": 1.02}
 COLOUR = "mlflow.runColor"  # the tag that fixes a run's colour in the charts, as #rrggbb
 # The colour of a run without its own. MLflow would make one of the run's id, which is new each
@@ -50,7 +51,8 @@ GREY = "#808080"
 # seen on white.
 RAMP = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (216, 176, 0))
 View = Mapping[str, Any]  # a view of templates/views.yaml
-# The beginnings of names of metrics that SCALE does not fit: they are no shares, or too small.
+# The beginnings of names of metrics that SCALE does not fit: they do not lie between 0 and 1, or
+# are too small to be seen on it.
 UNBOUNDED = (
     "accepted/",
     "ageing/",
@@ -116,12 +118,12 @@ def _environment() -> Environment:
 
 
 def shade(place: int, count: int) -> str:
-    """The colour on RAMP of one of `count` children, as #rrggbb."""
+    """The colour on RAMP of the child at index `place` of `count` children, as #rrggbb."""
     position = place / max(count - 1, 1) * (len(RAMP) - 1)
     before = min(int(position), len(RAMP) - 2)
-    share = position - before
+    fraction = position - before  # of the way to the next colour
     channels = zip(RAMP[before], RAMP[before + 1], strict=True)
-    mixed = [round((1 - share) * low + share * high) for low, high in channels]
+    mixed = [round((1 - fraction) * low + fraction * high) for low, high in channels]
     return f"#{bytes(mixed).hex()}"
 
 

@@ -1,7 +1,7 @@
 """Publishes runs to MLflow: each run is stored once, however often it is published.
 
 In: `RunRecord`s, as `records` builds them. The database can be thrown away: publishing again
-rebuilds it from the artifacts. A run carries the tag `yearloc.key`, a digest of its numbers, data,
+rebuilds it from the artifacts. A run carries the tag `yearloc.key`, a digest of its metrics, data,
 model and figures, which is written last. A run that has the right one stays as it is; one that
 changed, or was cut off, is written again. What people added to a run of ours goes over to the run
 that replaces it: their tags, their note, and the aliases, tags and descriptions of versions in the
@@ -85,7 +85,7 @@ class RunRecord:
             raise InputError(f"run {self.name}: a child run cannot have children")
 
     def key(self) -> str:
-        """A digest of numbers, data, model and figures, those of the children included."""
+        """A digest of metrics, data, model and figures, those of the children included."""
         content = {
             "name": self.name,
             "params": {name: str(value) for name, value in self.params.items()},
@@ -166,7 +166,7 @@ def publish(
                 tags = {page.COLOUR: page.GREY}
                 replaced = dict[str, "Run"]()
                 for run in reversed(earlier):  # the newest, which may be cut off, last
-                    replaced |= _family(run, record, own_runs)
+                    replaced |= _states_by_name(run, record, own_runs)
                 run_id = _write(client, experiment_id, record, tags, now_ms - place, replaced)
             # earlier states of the run go
             for run in earlier:
@@ -236,7 +236,7 @@ def _children(run_id: str, own_runs: Sequence["Run"]) -> list["Run"]:
     return [run for run in own_runs if run.data.tags.get(PARENT) == run_id]
 
 
-def _family(run: "Run", record: RunRecord, own_runs: Sequence["Run"]) -> dict[str, "Run"]:
+def _states_by_name(run: "Run", record: RunRecord, own_runs: Sequence["Run"]) -> dict[str, "Run"]:
     """The earlier states of a record and of its children, by the names that they have now."""
     children = {child.info.run_name: child for child in _children(run.info.run_id, own_runs)}
     return {**children, record.name: run}
@@ -255,11 +255,11 @@ def _added(run: "Run", record: RunRecord) -> dict[str, str]:
 
 def _delete(client: "MlflowClient", run_id: str, own_runs: Sequence["Run"], models: Models) -> None:
     """Delete a run with its children and their models."""
-    family = [child.info.run_id for child in _children(run_id, own_runs)]
-    for member in [*family, run_id]:
-        for model in models.get(member, ()):
+    child_ids = [child.info.run_id for child in _children(run_id, own_runs)]
+    for deleted_id in (*child_ids, run_id):
+        for model in models.get(deleted_id, ()):
             served.delete(client, model)
-        client.delete_run(member)
+        client.delete_run(deleted_id)
 
 
 def _write(

@@ -29,7 +29,7 @@ def line(values: np.ndarray = VALUES, days: np.ndarray = DAYS) -> Line:
 
 def test_the_line_is_the_one_of_least_squares_and_the_interval_of_its_slope_is_students() -> None:
     assert (line().intercept, line().slope) == (pytest.approx(1.01), pytest.approx(-0.0014))
-    assert line().number == 4
+    assert line().sequence_count == 4
     half = T_2 * np.sqrt(2e-8)
     assert line().interval == pytest.approx((-0.0014 - half, -0.0014 + half))
     assert line().trend == -1
@@ -84,7 +84,7 @@ def test_two_sequences_give_a_slope_but_no_interval_and_one_gives_none() -> None
     assert Ageing().line(np.array([20, 20]), VALUES[:2]) is None  # both of one day
     # One without the number is left out
     result = line(np.append(VALUES, np.nan), np.append(DAYS, 400))
-    assert (result.number, result.slope) == (4, pytest.approx(-0.0014))
+    assert (result.sequence_count, result.slope) == (4, pytest.approx(-0.0014))
 
 
 def test_intervals_hold_the_true_slope_and_the_true_day_as_often_as_they_say() -> None:

@@ -21,7 +21,7 @@ from pipeline.report.figures.panels import Line, draw_dots, draw_lines, name_row
 from pipeline.report.figures.style import QUIET, VEIL, WIDTH_IN, figure, folded, styled, tints
 from pipeline.report.table import signed
 
-ROOM = 2.5  # a panel of slopes reaches so many times as far as the steepest; longer bars are cut
+ROOM = 2.5  # half the width of a panel of slopes, in steepest slopes; longer bars are cut
 
 
 class FollowedNumber(NamedTuple):

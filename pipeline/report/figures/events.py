@@ -52,6 +52,7 @@ def by_distance(
     for (*panels, counts), (protocol, name) in zip(axes.T, columns, strict=True):
         panels[0].set_title(f"{NEAR[name]}, by {protocol}", pad=5)
         for when, offset, grey in ((TO_COME, OFFSET, "0.75"), (SHOWN, -OFFSET, "0.35")):
+            # the queries are the same for all models
             seen = over_bands(when, models[0], protocol, "seen")[:, 0]
             unseen = over_bands(when, models[0], protocol, "unseen")[:, 0]
             for axis, (model, tint) in zip(panels, shades.items(), strict=True):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
 from pipeline.evaluation.evaluations import FALSE_POSITIVE, TRUE_POSITIVE, Judgement
-from pipeline.report.figures.panels import balanced, panels
+from pipeline.report.figures.panels import balanced, panel_axes
 from pipeline.report.figures.style import WIDTH_IN, dot, figure, folded, styled
 from pipeline.report.result import Result, by_model, by_sequence
 from pipeline.studies.colours import colour
@@ -29,7 +29,7 @@ REJECTED = 0.25  # opacity of what the model rejects at its own threshold
 
 
 class Layer(NamedTuple):
-    """The points of one kind on a map."""
+    """Points on a map that are drawn alike."""
 
     xy_m: NDArray[np.float64]  # (n, 2)
     name: str
@@ -115,7 +115,7 @@ def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> Figur
     height_in = rows * (panel_in * height_per_width(box) + title_in) + 0.7
     fig = figure(panel_in * max(columns, 2), height_in, "First answers by cells")
     ordered = [result for group in models.values() for result in group]
-    axes = panels(fig, len(ordered), columns, shared=False)
+    axes = panel_axes(fig, len(ordered), columns, shared=False)
     for number, (axis, result) in enumerate(zip(axes, ordered, strict=True)):
         kinds, accepted = answers(result.evaluation.cells)
         _map(axis, result.evaluation.xy_m, kinds, accepted, train_xy_m, box, size=1.6)

@@ -74,7 +74,7 @@ def facets(
     """
     rows, columns = balanced(len(items), most_columns)
     fig = figure(width_in, margin_in + row_in * rows, heading)
-    axes = panels(fig, len(items), columns, shared, x_label, y_label)
+    axes = panel_axes(fig, len(items), columns, shared, x_label, y_label)
     return fig, list(zip(axes, items, strict=True))
 
 
@@ -84,7 +84,7 @@ def balanced(number: int, most_columns: int) -> tuple[int, int]:
     return rows, math.ceil(number / rows)
 
 
-def panels(
+def panel_axes(
     fig: Figure,
     number: int,
     columns: int,

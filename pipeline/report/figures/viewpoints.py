@@ -85,7 +85,7 @@ def precision_recall(group: Mapping[str, Sequence[ViewpointMatches]], sequence: 
     is_upper = bool(np.max([*accuracy.values()]) < CROWDED)
     models = list(group) if is_upper else list(group)[::-1]
     for i, (axis, deg) in enumerate(panels):
-        for number, model in enumerate(models):
+        for lines_away, model in enumerate(models):
             curves = [judged.curve(i) for judged in group[model]]
             line_style = styles[model] | {"lw": 1.1 if len(curves) == 1 else 0.8}
             draw_lines(
@@ -98,7 +98,7 @@ def precision_recall(group: Mapping[str, Sequence[ViewpointMatches]], sequence: 
             )
             shown_accuracy = fixed(accuracy[model][i], 3)
             tint = styles[model]["color"]
-            in_corner(axis, shown_accuracy, tint, lines_away=number, is_upper=is_upper)
+            in_corner(axis, shown_accuracy, tint, lines_away=lines_away, is_upper=is_upper)
         precision_axes(axis, f"{deg:g}°")
     below(fig, handles(group), title="number: accuracy, the share that is correct")
     return fig
@@ -155,14 +155,14 @@ def reconstructions(pictures: Mapping[str, tuple[NDArray[Any], NDArray[Any]]]) -
     height_in = 0.45 + ((WIDTH_IN - 0.4) / len(columns) + 0.12) * len(rows)
     fig = figure(WIDTH_IN, height_in, "Seen, and reconstructed from a code")
     axes = fig.subplots(len(rows), len(columns), squeeze=False)
-    for line, (name, seen, shown) in zip(axes, rows, strict=True):
-        for axis, i in zip(line, columns, strict=True):
+    for axes_row, (name, seen, shown) in zip(axes, rows, strict=True):
+        for axis, i in zip(axes_row, columns, strict=True):
             axis.imshow(shown[i], cmap="gray", vmin=0, vmax=255, interpolation="nearest")
             axis.set(xticks=[], yticks=[])
             if name != "seen":
                 error = np.square((shown[i].astype(np.float64) - seen[i]) / 127.5).mean()
                 axis.set_xlabel(f"{error:.3f}", size=7, labelpad=2)
-        line[0].set_ylabel(name, color="0.1" if name == "seen" else colour(name))
+        axes_row[0].set_ylabel(name, color="0.1" if name == "seen" else colour(name))
     for axis, i in zip(axes[0], columns, strict=True):
         axis.set_title(f"{i * 360 / headings:g}°", pad=4)
     return fig
