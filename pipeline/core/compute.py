@@ -158,10 +158,13 @@ def _computed(job: bytes, start: int, stop: int) -> Any:
 
 
 def _initialize_worker(initialize_dask_worker: Callable[[], None]) -> None:
-    """Start a worker process as Dask does, and end it when its stage is killed."""
-    # else it would keep its memory for ever
+    """Start a worker process as Dask does, and end it when its stage is killed.
+
+    The worker would otherwise keep its memory for ever.
+    """
 
     def end_with(stage: Any) -> None:
+        """Wait until the stage has ended, then kill this worker."""
         stage.join()
         os.kill(os.getpid(), signal.SIGKILL)
 

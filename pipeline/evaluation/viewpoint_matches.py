@@ -292,7 +292,7 @@ def turned(views: Rows, heading: int) -> Rows:
 
 def _bytes_per_place(method: BirdViewMethod, reference_model: Model, views: Rows) -> float:
     """Bytes by which the model grows with each place: its codes or image, and its position."""
-    one_place_model = method.moved(reference_model, views.some(slice(1)), np.arange(1))
+    one_place_model = method.moved(reference_model, views.select(slice(1)), np.arange(1))
     all_bytes = sum(array.nbytes for array in reference_model.values())
     one_place_bytes = sum(array.nbytes for array in one_place_model.values())
     return (all_bytes - one_place_bytes) / max(len(views.images) - 1, 1)

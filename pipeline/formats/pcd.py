@@ -54,7 +54,7 @@ class Header:
         """The indices of the fields x, y and z."""
         return [self.fields.index(axis) for axis in AXES]
 
-    def widths(self) -> list[int]:
+    def field_bytes(self) -> list[int]:
         """The size of each field in a point's record, in bytes."""
         return [
             np.dtype(kind).itemsize * count
@@ -160,7 +160,7 @@ def _numbers(path: Path, key: str, words: list[str]) -> list[int]:
 
 def _refuse_wrong_size(path: Path, header: Header, nbytes: int) -> None:
     """Raise LogError unless `nbytes` is the size of all points by the header."""
-    expected_bytes = sum(header.widths()) * header.points
+    expected_bytes = sum(header.field_bytes()) * header.points
     if nbytes != expected_bytes:
         raise LogError(
             f"{path}: {nbytes} bytes of points, {expected_bytes} for the {header.points} points of "
@@ -223,11 +223,11 @@ def _xyz(
     xyz = np.empty((points, 3))
     if not points:
         return xyz
-    widths = header.widths()
+    sizes = header.field_bytes()
     for axis, field in enumerate(header.axes()):
-        offset = sum(widths[:field])
+        offset = sum(sizes[:field])
         start = offset if is_interleaved else offset * points
-        step = sum(widths) if is_interleaved else widths[field]
+        step = sum(sizes) if is_interleaved else sizes[field]
         xyz[:, axis] = np.ndarray(
             points, header.types[field], buffer=data, offset=start, strides=(step,)
         )

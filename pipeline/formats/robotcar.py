@@ -33,6 +33,7 @@ EXTRINSICS = {
 POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 VO_STAMPS = ("source_timestamp", "destination_timestamp")
 VO_COLUMNS = (*VO_STAMPS, *POSE)
+"""The columns of VO: the stamps of a motion's end and start, and the motion."""
 INS_POSE = ("northing", "easting", "down", "roll", "pitch", "yaw")
 INS_COLUMNS = (
     "timestamp",
@@ -114,4 +115,5 @@ def write_extrinsics(folder: Path) -> None:
 
 
 def _numbers(values: Sequence[float]) -> str:
+    """Numbers as text, with commas between them."""
     return ",".join(f"{value:.12g}" for value in values)

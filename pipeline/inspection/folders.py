@@ -79,7 +79,7 @@ def _describe_kitti_scans(path: Path, inspection: Inspection) -> None:
     )
     times_path = path.parent / "times.txt"
     if times_path.is_file():
-        times_s = log.table(times_path, 1)[:, 0]
+        times_s = log.read_table(times_path, 1)[:, 0]
         rows += rate_rows(inspection, times_s[numbers[numbers < len(times_s)]])
     inspection.kind = "KITTI scans of one log"
     inspection.add("", *rows)

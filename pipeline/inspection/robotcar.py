@@ -22,7 +22,7 @@ from pipeline.inspection.tracks import warn_of_gaps
 from pipeline.mapping.appearance import coverage
 from pipeline.opening.opening import Opening
 from pipeline.readers import log
-from pipeline.readers.columns import columns, numbers
+from pipeline.readers.columns import read_columns, to_numbers
 from pipeline.readers.robotcar import RobotCar, read_sweep, sweep_utimes
 from pipeline.readers.robotcar_poses import read_ins, read_vo
 
@@ -170,12 +170,12 @@ def describe_ins(path: Path, inspection: Inspection) -> None:
     """
     max_gap_s = RobotCar().max_ins_gap_s
     track = read_ins(path, np.eye(4), max_gap_s)
-    table = columns(path, ("ins_status", "utm_zone", *robotcar.INS_POSE))
+    table = read_columns(path, ("ins_status", "utm_zone", *robotcar.INS_POSE))
     statuses = Counter(table["ins_status"]).most_common(5)
     zones = sorted(set(table["utm_zone"]))
     is_good: NDArray[np.bool_] = np.all(np.isfinite(track.world_T_body), axis=(1, 2))
     stamps_s = track.stamps_ns * 1e-9
-    xyz_m = numbers(path, table, robotcar.INS_POSE)[is_good, :3]
+    xyz_m = to_numbers(path, table, robotcar.INS_POSE)[is_good, :3]
     steps_m = step_lengths_m(xyz_m)
     steps_s = np.diff(stamps_s[is_good])
     is_outage = steps_s > max_gap_s

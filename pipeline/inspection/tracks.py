@@ -88,7 +88,7 @@ def describe_nclt_poses(path: Path, inspection: Inspection) -> None:
     inspection.kind = f"NCLT {source}, {content}"
     if not is_relative:
         rows.append(("box", box(xyz_m, ("north", "east", "down"))))
-        inspection.warnings += vehicle.warnings("the poses", track)
+        inspection.warnings += vehicle.describe_faults("the poses", track)
     inspection.add("", *rows)
     warn_of_gaps(
         inspection,
@@ -138,7 +138,7 @@ def describe_kitti_poses(path: Path, inspection: Inspection) -> None:
     inspection.warn_of_small_site(xyz_m, (0, 2))
     world_T_body = BODY_T_CAMERA @ poses @ BODY_T_CAMERA.T
     trajectory = Trajectory(SCAN_NS * np.arange(len(poses)), world_T_body, MAX_GAP_S)
-    inspection.warnings += vehicle.warnings("the poses", trajectory)
+    inspection.warnings += vehicle.describe_faults("the poses", trajectory)
     if path.parent.name == "poses" and len(path.parents) > 1:
         times_path = path.parents[1] / kitti.TIMES.format(log=path.stem)
         _warn_of_count(inspection, times_path, len(poses))
@@ -148,7 +148,7 @@ def _warn_of_count(inspection: Inspection, times_path: Path, pose_count: int) ->
     """Warn if the file of times of a KITTI log exists, but has not as many rows as the poses."""
     if not times_path.is_file():
         return
-    count = len(log.table(times_path, 1))
+    count = len(log.read_table(times_path, 1))
     inspection.warn_if(
         count != pose_count,
         f"{count} times in {times_path} for {pose_count} poses: the reader refuses the log; one is "
@@ -175,7 +175,9 @@ def describe_tum_poses(path: Path, inspection: Inspection) -> None:
         ("frame", "as the file has it; conf/dataset/folder.yaml's poses_frame says which"),
     )
     inspection.warn_of_small_site(xyz_m)
-    inspection.warnings += vehicle.warnings("the poses", Trajectory(stamps_ns, poses, MAX_GAP_S))
+    inspection.warnings += vehicle.describe_faults(
+        "the poses", Trajectory(stamps_ns, poses, MAX_GAP_S)
+    )
 
 
 def describe_kitti_times(path: Path, inspection: Inspection) -> None:

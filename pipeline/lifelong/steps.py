@@ -63,7 +63,7 @@ def streets(name: str, views: Rows) -> dict[str, Rows]:
     loaded_views = Rows(views.images[:], views.stamps_ns, views.world_T_anchor)
     parts = {}
     for number, (start, end) in enumerate(pairwise(edges), start=1):
-        parts[f"{name} {number}/{STREETS}"] = loaded_views.some(slice(start, end))
+        parts[f"{name} {number}/{STREETS}"] = loaded_views.select(slice(start, end))
     return parts
 
 

@@ -96,7 +96,7 @@ def updated(site: Site, parts: Parts, update: Update, name: str, progress: Progr
 
     # the method learns the new views beside the earlier ones
     learned = learned_views(site, parts)
-    used_views = update.pseudo_labels.views(site).some(used_scans)
+    used_views = update.pseudo_labels.views(site).select(used_scans)
     new_views = TrainingSet(used_views, update.scan_places[used_scans])
     validation = {key: array for key, array in views.items() if key.startswith(VALIDATION)}
     method = build(description.method, ROOTS)

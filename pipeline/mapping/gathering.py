@@ -101,7 +101,7 @@ def submap_points(scans: Scans, submaps: Submaps, rows: slice) -> Iterator[NDArr
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def transformed(a_T_b: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points (n, 3) of frame b in frame a.
+    """Points (n, 3) in metres, transformed from frame b into frame a by the pose a_T_b (4, 4).
 
     The loop is compiled, since BLAS would wake its threads for these slim matrices.
     """

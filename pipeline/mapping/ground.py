@@ -14,7 +14,7 @@ SURE = 0.9999
 """The search ends once a plane like the best so far would have been found with this probability."""
 
 
-def plane(
+def find_plane(
     points_m: NDArray[np.float64],
     near_m: float,
     slope_deg: float,
@@ -23,20 +23,20 @@ def plane(
 ) -> tuple[float, float, float] | None:
     """a, b, c of the plane a x + b y + z = c near which most points (n, 3) lie.
 
-    A point is near if it is closer than `near_m`. At most `iterations` planes are tried; steeper
-    ones than `slope_deg` are skipped. Returns None if all of them are steeper, or if there are
-    fewer than three points.
+    c is in metres. A point is near if it is closer than `near_m`. At most `iterations` planes are
+    tried; planes steeper than `slope_deg` are skipped. Returns None if all of them are steeper, or
+    if there are fewer than three points.
     """
     if len(points_m) < 3:
         return None
     x, y, z = points_m.T.astype(np.float32, order="C")
     corners = rng.integers(len(points_m), size=(iterations, 3))
-    a, b, c = _plane(x, y, z, corners, near_m, math.cos(math.radians(slope_deg)))
+    a, b, c = _best_plane(x, y, z, corners, near_m, math.cos(math.radians(slope_deg)))
     return (a, b, c) if math.isfinite(c) else None
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _plane(x, y, z, corners, near_m, min_normal_z):  # type: ignore[no-untyped-def]
+def _best_plane(x, y, z, corners, near_m, min_normal_z):  # type: ignore[no-untyped-def]
     """Return a, b, c of the best plane through `corners` (plane, 3); c is infinite without one."""
     n = len(x)
     most_points = np.int32(0)  # near the best plane

@@ -133,7 +133,7 @@ class Database:
             right=self.places[nearest_rows] == self.places[queries],
             seen={KIND: seen_distances},
             unseen={KIND: unseen_distances},
-            block=holdout.numbered(views.world_T_anchor, is_validation, every_m, length_m),
+            block=holdout.number_blocks(views.world_T_anchor, is_validation, every_m, length_m),
         )
 
     def answer(

@@ -31,7 +31,7 @@ def blocks(
     return is_in_block & (trained_count[places] > 0)
 
 
-def numbered(
+def number_blocks(
     world_T_anchor: Poses, is_validation: NDArray[np.bool_], every_m: float, length_m: float
 ) -> NDArray[np.int64]:
     """The number (h,) of the block of each of the h validation submaps, from 0 along the path.

@@ -56,9 +56,9 @@ class Rows:
         n = len(all_rows.stamps_ns) // len(cases)
         if len(cases) == 1:
             return {cases[0]: all_rows}
-        return {case: all_rows.some(slice(i * n, (i + 1) * n)) for i, case in enumerate(cases)}
+        return {case: all_rows.select(slice(i * n, (i + 1) * n)) for i, case in enumerate(cases)}
 
-    def some(self, rows: slice | NDArray[np.int64]) -> Self:
+    def select(self, rows: slice | NDArray[np.int64]) -> Self:
         """Return some of the rows, with their images read."""
         return replace(
             self,

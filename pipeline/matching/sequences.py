@@ -180,7 +180,7 @@ class SequenceMethod:
 
         is_query = np.zeros(n, bool)
         is_query[odd[is_counted]] = True
-        block = holdout.numbered(
+        block = holdout.number_blocks(
             views.world_T_anchor, is_query, self.validation_every_m, self.validation_length_m
         )
         return NoveltyEvidence(

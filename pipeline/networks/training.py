@@ -47,12 +47,12 @@ class Training:
 
     @cached_property
     def xy_m(self) -> NDArray[np.float64]:
-        """Positions (n, 2) of the views."""
+        """Positions (n, 2) of the views in the world, in metres."""
         return self.data.views.world_T_anchor[:, :2, 3]
 
     @cached_property
     def place_xy_m(self) -> NDArray[np.float64]:
-        """The mean position (place, 2) of each place's views."""
+        """The mean position (places, 2) of each place's views in the world, in metres."""
         places = self.data.places
         xy_m = self.xy_m
         return np.stack(
@@ -118,13 +118,13 @@ class Training:
         images = self.images[self.is_validation]
 
         def predict(heights: Tensor, left_out: Tensor | None) -> Prediction:
-            """The outputs for validation views."""
+            """The outputs for validation views, without the places in the mask `left_out`."""
             prediction = self.method.predict(self.net, heights, left_out)
             return self.method.reranked(prediction, images, remembered_arrays)
 
         all_heights = KnownViews(self.heights, self.data.places, self.xy_m)
         validation_views = all_heights.select(self.is_validation)
-        block = holdout.numbered(
+        block = holdout.number_blocks(
             self.data.views.world_T_anchor,
             self.is_validation,
             self.method.validation_every_m,

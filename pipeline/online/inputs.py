@@ -27,8 +27,7 @@ from pipeline.readers import vehicle
 from pipeline.readers.bag_clouds import Clouds
 from pipeline.readers.bag_poses import KINDS, Track, read_track
 from pipeline.readers.deskew import NO_BREAKS, scan_at_stamp
-from pipeline.readers.log import READERS, Log, raised
-from pipeline.readers.log import extrinsic as given_extrinsic
+from pipeline.readers.log import READERS, Log, parse_extrinsic, raised
 from pipeline.readers.mounting import BODIES, Transforms
 
 NO_POSE = np.full((4, 4), np.nan)
@@ -217,7 +216,7 @@ def placement(key: str, text: str) -> Poses:
     The numbers are in metres and degrees. Raises ConfigError, which names the option `key`.
     """
     try:
-        return given_extrinsic(key, [float(word) for word in text.split(",")])
+        return parse_extrinsic(key, [float(word) for word in text.split(",")])
     except (ValueError, ConfigError):
         raise ConfigError(
             f"{key}={text:.60}: expected x,y,z,roll,pitch,yaw in metres and degrees"
@@ -286,7 +285,7 @@ def _poses_at(odometry: Track, stamps_ns: Stamps) -> Poses:
     # The odometry starts again after each jump: the first scan after it gets no pose, as in a log.
     # A gap needs no such mark: no scan within it has a pose, and drives in several files are
     # distinguished by their recording.
-    restarts_ns = odometry.trajectory.stamps_ns[vehicle.jumps(odometry.trajectory)]
+    restarts_ns = odometry.trajectory.stamps_ns[vehicle.find_jumps(odometry.trajectory)]
     first_rows = np.searchsorted(stamps_ns, restarts_ns - ROUNDED_NS)
     odom_T_child[first_rows[first_rows < len(stamps_ns)]] = np.nan
     return odom_T_child

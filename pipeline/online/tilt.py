@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.frames import pose
-from pipeline.mapping.ground import plane
+from pipeline.mapping.ground import find_plane
 
 LEVEL_DEG = 4.0
 """A ground that leans less than this is level."""
@@ -83,7 +83,7 @@ def lean(points_m: NDArray[np.float64], upside_down: bool = False) -> Lean | Non
 
 def _plane(points_m: NDArray[np.float64], steepest_deg: float) -> NDArray[np.float64] | None:
     """The plane (4,) that most points (n, 3) lie on: its unit normal, z up, and its distance."""
-    coefficients = plane(points_m, NEAR_M, steepest_deg, PLANES, np.random.default_rng(0))
+    coefficients = find_plane(points_m, NEAR_M, steepest_deg, PLANES, np.random.default_rng(0))
     if coefficients is None:
         return None
     a, b, c = coefficients  # of a x + b y + z = c

@@ -26,7 +26,7 @@ from pipeline.core.frames import Poses
 from pipeline.core.progress import Progress
 from pipeline.core.settings import Count, Positive, Seed, checked
 from pipeline.mapping.gathering import submap_points
-from pipeline.matching.holdout import blocks, numbered
+from pipeline.matching.holdout import blocks, number_blocks
 from pipeline.matching.ranking import Localizer, Rows
 from pipeline.posing.ageing import Ageing
 from pipeline.posing.expectations import Expectations
@@ -215,7 +215,7 @@ class ValidationBlocks:
             if block_count >= self.enough:
                 return
             is_validation = blocks(anchors, day.places, self.every_m, self.length_m, shift_m)
-            block = block_count + numbered(anchors, is_validation, self.every_m, self.length_m)
+            block = block_count + number_blocks(anchors, is_validation, self.every_m, self.length_m)
             block_count = int(block.max(initial=block_count - 1)) + 1
             yield ValidationSet(is_validation, block)
 

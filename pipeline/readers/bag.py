@@ -62,7 +62,7 @@ class Bag:
                     f"reader.{key}={name}: expected tf:PARENT>CHILD, such as tf:map>base_link"
                 )
         if self.body_T_lidar is not None:
-            log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
+            log.parse_extrinsic("reader.body_T_lidar", self.body_T_lidar)
 
     def open(self, root: Path, sequence: str) -> Log:
         """Open a sequence below `root`; raises LogError if it cannot be read."""
@@ -185,7 +185,7 @@ class Bag:
     ) -> NDArray[np.float64]:
         """body_T_lidar (4, 4), for points in `frames` and the body of `poses`."""
         if self.body_T_lidar is not None:
-            return log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
+            return log.parse_extrinsic("reader.body_T_lidar", self.body_T_lidar)
         if poses is None:
             return np.eye(4)
         if poses.parent and frames == {poses.parent} and poses.child != poses.parent:

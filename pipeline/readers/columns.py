@@ -19,7 +19,7 @@ Table = dict[str, tuple[str, ...]]
 """The text in each row (row,), by the name of the column."""
 
 
-def columns(path: Path, names: Sequence[str]) -> Table:
+def read_columns(path: Path, names: Sequence[str]) -> Table:
     """The text of the columns `names` (two or more) of a csv.
 
     Raises LogError naming the missing columns, or a row cut short.
@@ -45,7 +45,7 @@ def columns(path: Path, names: Sequence[str]) -> Table:
     return dict(zip(names, zip(*cells, strict=True), strict=True))
 
 
-def numbers(path: Path, table: Table, names: Sequence[str]) -> NDArray[np.float64]:
+def to_numbers(path: Path, table: Table, names: Sequence[str]) -> NDArray[np.float64]:
     """The columns `names` of `table` as numbers (row, name).
 
     Raises LogError naming the row of `path` that holds another word.
@@ -69,7 +69,7 @@ def utimes_ns(path: Path, utimes: NDArray[np.float64]) -> Stamps:
 
     Raises LogError naming the first that is no utime or does not increase.
     """
-    stamps_ns = log.nanoseconds(path, utimes, "µs", 1000)
+    stamps_ns = log.to_nanoseconds(path, utimes, "µs", 1000)
     bad_rows = np.flatnonzero(stamps_ns % 1000)
     if len(bad_rows):
         row = bad_rows[0]

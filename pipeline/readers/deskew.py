@@ -87,14 +87,14 @@ def deskewed(
     points = np.asarray(points_m, np.float64)
     if times_s is None or not len(points) or not step_s > 0 or not np.isfinite(step).all():
         return points
-    # 1. the slice of each point; all are in the first one if they have one time
+    # 1. Find the slice of each point; all are in the first slice if they have one time.
     first_s = float(times_s.min())
     span_s = float(times_s.max()) - first_s
     slices = (SLICES * (times_s - first_s) / (span_s or 1.0)).astype(np.int64).clip(0, SLICES - 1)
-    # 2. the share of the step that the vehicle has moved in the middle of each slice
+    # 2. Compute the share of the step that the vehicle has moved in the middle of each slice.
     shares = (first_s + (np.arange(SLICES) + 0.5) * (span_s / SLICES)) / step_s
-    # 3. the same share of the step's rotation and of its translation
-    turn = Rotation.from_matrix(step[:3, :3]).as_rotvec()
-    rotations = Rotation.from_rotvec(turn * shares[:, None]).as_matrix()
+    # 3. Move each slice by this share of the step's rotation and of its translation.
+    rotation_vector = Rotation.from_matrix(step[:3, :3]).as_rotvec()
+    rotations = Rotation.from_rotvec(rotation_vector * shares[:, None]).as_matrix()
     moves_m = step[:3, 3] * shares[:, None]
     return np.asarray(np.einsum("nij,nj->ni", rotations[slices], points) + moves_m[slices])

@@ -77,7 +77,7 @@ class Folder:
                 f"reader.point_bytes={self.point_bytes}: expected 12 or more, x, y and z first, or "
                 "0"
             )
-        log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
+        log.parse_extrinsic("reader.body_T_lidar", self.body_T_lidar)
         for name in ("scans", "poses", "odometry"):
             place = getattr(self, name)
             if place is None and name != "scans":
@@ -116,7 +116,7 @@ class Folder:
         stamps_ns = stamps_ns[posed.rows]
         posed_paths = [path_by_stamp[stamp] for stamp in stamps_ns.tolist()]
 
-        body_T_lidar = log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
+        body_T_lidar = log.parse_extrinsic("reader.body_T_lidar", self.body_T_lidar)
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
         return Log(
             stamps_ns=stamps_ns,
@@ -311,15 +311,15 @@ def read_kitti(path: Path, times_path: Path) -> tuple[Stamps, Poses]:
 
     NaN where a row has NaN. Raises LogError for files that do not fit each other or are damaged.
     """
-    rows = log.table(path, 12)
-    times_s = log.table(times_path, 1)[:, 0]
+    rows = log.read_table(path, 12)
+    times_s = log.read_table(times_path, 1)[:, 0]
     if len(rows) != len(times_s):
         raise LogError(f"{times_path}: {len(times_s)} times for {len(rows)} poses in {path}")
     poses = kitti.to_poses(rows)
     is_finite: NDArray[np.bool_] = np.all(np.isfinite(rows), axis=1)
     log.refuse_poses(path, poses, is_finite)
     poses[~is_finite] = np.nan
-    return log.nanoseconds(times_path, times_s, "s", 10**9), poses
+    return log.to_nanoseconds(times_path, times_s, "s", 10**9), poses
 
 
 def _is_below(place: object) -> bool:

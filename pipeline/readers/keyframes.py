@@ -53,13 +53,13 @@ class KeyFrames:
 
     def __post_init__(self) -> None:
         settings.check(self, "reader")
-        log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
+        log.parse_extrinsic("reader.body_T_lidar", self.body_T_lidar)
 
     def open(self, root: Path, sequence: str) -> Log:
         """Open a sequence below `root`; raises LogError if it cannot be read."""
         folder = root / sequence
         path = folder / FILE
-        rows = log.table(path, COLUMNS)
+        rows = log.read_table(path, COLUMNS)
         cloud_paths = _cloud_paths(folder, rows[:, NUMBER_COLUMN])
         is_on_disk = np.array([cloud_path.is_file() for cloud_path in cloud_paths])
         if not is_on_disk.any():
@@ -68,15 +68,17 @@ class KeyFrames:
         skipped["no such file"] += int((~is_on_disk).sum())
         rows = rows[is_on_disk]
         paths_on_disk = [cloud_paths[row] for row in np.flatnonzero(is_on_disk)]
-        stamps_ns = log.nanoseconds(path, rows[:, STAMP_COLUMN], "s", 10**9)
-        body_T_lidar = log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
+        stamps_ns = log.to_nanoseconds(path, rows[:, STAMP_COLUMN], "s", 10**9)
+        body_T_lidar = log.parse_extrinsic("reader.body_T_lidar", self.body_T_lidar)
         lidar_T_body = np.linalg.inv(body_T_lidar)
         world_T_lidar = from_quaternions(path, rows[:, POSE_COLUMNS[self.ground_truth]])
         odom_T_lidar = from_quaternions(path, rows[:, POSE_COLUMNS["odometry"]])
         world_T_scan = log.lifted(world_T_lidar @ lidar_T_body, self.lift_m)
         odom_T_scan = log.lifted(odom_T_lidar @ lidar_T_body, self.lift_m)
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
-        notes = vehicle.warnings("the true poses", Trajectory(stamps_ns, world_T_scan, np.inf))
+        notes = vehicle.describe_faults(
+            "the true poses", Trajectory(stamps_ns, world_T_scan, np.inf)
+        )
         return Log(
             stamps_ns=stamps_ns,
             world_T_scan=world_T_scan,

@@ -71,7 +71,9 @@ class Kitti:
         if len(rows) < len(poses):
             notes += (f"{len(poses) - len(rows)} of {len(poses)} scans are not on disk",)
         if self.poses:
-            notes += vehicle.warnings("the true poses", Trajectory(stamps_ns, poses, MAX_GAP_S))
+            notes += vehicle.describe_faults(
+                "the true poses", Trajectory(stamps_ns, poses, MAX_GAP_S)
+            )
         if split:
             path_m = travelled_m(poses[rows, :3, 3])
             is_in_a = path_m <= self.split * path_m[-1]
@@ -140,7 +142,7 @@ def read_poses(poses_path: str | Path, calib_path: str | Path) -> NDArray[np.flo
 
 def read_camera_poses(path: Path) -> NDArray[np.float64]:
     """Poses (n, 4, 4) of camera 0 in its first frame; raises LogError naming a row that is none."""
-    rows = log.table(path, 12)
+    rows = log.read_table(path, 12)
     first_T_cam = kitti.to_poses(rows)
     log.refuse_poses(path, first_T_cam, np.ones(len(rows), bool))
     return first_T_cam
@@ -148,7 +150,7 @@ def read_camera_poses(path: Path) -> NDArray[np.float64]:
 
 def read_times(path: Path) -> Stamps:
     """The stamps (n,) in ns of times.txt; raises LogError naming a row that is no later time."""
-    return log.nanoseconds(path, log.table(path, 1)[:, 0], "s", 10**9)
+    return log.to_nanoseconds(path, log.read_table(path, 1)[:, 0], "s", 10**9)
 
 
 def read_calibration(path: Path) -> NDArray[np.float64]:

@@ -171,7 +171,7 @@ def rows_with_poses(
     notes: tuple[str, ...] = ()
     if ground_truth is not None:
         world_T_scan, has_ground_truth = ground_truth.at(stamps_ns)
-        notes += vehicle.warnings(ground_truth_name, ground_truth)
+        notes += vehicle.describe_faults(ground_truth_name, ground_truth)
     if odometry is not None:
         odometry, break_notes = vehicle.split_at_jumps(odometry_name, odometry)
         odom_T_scan, has_odometry = odometry.at(stamps_ns)
@@ -182,7 +182,7 @@ def rows_with_poses(
     if odometry is not None:
         # After a break of the odometry, scans are left out until one has a true pose: only that
         # says where they are. That one has NaN as odometry, which marks the break.
-        breaks_ns = vehicle.breaks_ns(odometry)
+        breaks_ns = vehicle.find_breaks(odometry)
         break_counts = np.searchsorted(breaks_ns - ROUNDED_NS, stamps_ns, side="right")
         for break_count in np.unique(break_counts[is_used])[1:]:  # the first chain follows no other
             rows = np.flatnonzero(is_used & (break_counts == break_count))
@@ -273,7 +273,7 @@ def read_bytes(path: Path, record_bytes: int, records_name: str) -> bytes:
     return data
 
 
-def table(path: Path, columns: int, delimiter: str | None = None) -> NDArray[np.float64]:
+def read_table(path: Path, columns: int, delimiter: str | None = None) -> NDArray[np.float64]:
     """The numbers (row, column) of a text file with so many `columns`.
 
     Raises LogError naming the wrong row.
@@ -299,7 +299,7 @@ def table(path: Path, columns: int, delimiter: str | None = None) -> NDArray[np.
     return rows
 
 
-def nanoseconds(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: int) -> Stamps:
+def to_nanoseconds(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: int) -> Stamps:
     """Stamps (n,) in ns from `stamps` (n,) in `unit`, which is `unit_ns` ns.
 
     Raises LogError naming the first that is no time, or does not increase.
@@ -359,7 +359,7 @@ def lifted(world_T_body: Poses, height_m: float) -> Poses:
     return raised(height_m) @ world_T_body @ np.linalg.inv(raised(height_m))
 
 
-def extrinsic(key: str, xyzrpy: object) -> Poses:
+def parse_extrinsic(key: str, xyzrpy: object) -> Poses:
     """The pose (4, 4) of a sensor from x, y, z in metres and roll, pitch, yaw in degrees.
 
     Raises ConfigError naming the setting `key` if `xyzrpy` is not six numbers.

@@ -142,8 +142,8 @@ def read_poses(path: str | Path, max_gap_s: float = 0.5) -> Trajectory:
     stamp does not increase.
     """
     path = Path(path)
-    rows = log.table(path, 7, ",")
-    stamps_ns = log.nanoseconds(path, rows[:, 0], "µs", 1000)
+    rows = log.read_table(path, 7, ",")
+    stamps_ns = log.to_nanoseconds(path, rows[:, 0], "µs", 1000)
     is_finite = np.isfinite(rows).all(axis=1)
     xyz_m = rows[is_finite, 1:4]
     angles_rad = rows[is_finite, 4:7]
@@ -160,12 +160,12 @@ def read_uncertainty(path: str | Path) -> Uncertainty:
     increase.
     """
     path = Path(path)
-    rows = log.table(path, nclt.COVARIANCE_COLUMNS, ",")
+    rows = log.read_table(path, nclt.COVARIANCE_COLUMNS, ",")
     rows = rows[np.isfinite(rows).all(axis=1)]
     x, y, heading = rows[:, nclt.VARIANCE_COLUMNS].T
     position = (x + y) / 2  # one variance for both axes
     motion_variance = np.column_stack([position, heading])
-    stamps_ns = log.nanoseconds(path, rows[:, 0], "µs", 1000)
+    stamps_ns = log.to_nanoseconds(path, rows[:, 0], "µs", 1000)
     return Uncertainty(stamps_ns, np.cumsum(motion_variance, axis=0))
 
 

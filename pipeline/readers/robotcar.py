@@ -75,7 +75,7 @@ class RobotCar:
         }
         vehicle_T_ins = read_extrinsics(extrinsics, "ins")
         ground_truth = read_ins(folder / robotcar.INS, vehicle_T_ins, self.max_ins_gap_s)
-        notes += vehicle.warnings("the true poses", ground_truth)
+        notes += vehicle.describe_faults("the true poses", ground_truth)
         odometry = read_vo(folder / robotcar.VO, self.max_vo_gap_s)
         world_T_scan, has_ground_truth = ground_truth.at(all_utimes * 1000)
         odom_T_scan = odometry.at(all_utimes * 1000, has_ground_truth)
@@ -175,7 +175,7 @@ def sweep_utimes(
     )
     utimes = files.usable
     if path.is_file():
-        stamps = utimes_ns(path, log.table(path, 2)[:, 0]) // 1000
+        stamps = utimes_ns(path, log.read_table(path, 2)[:, 0]) // 1000
         has_stamp = np.isin(utimes, stamps)
         skipped["stamp without a file"] += int((~np.isin(stamps, files.named)).sum())
         skipped["file without a stamp"] += int((~has_stamp).sum())

@@ -15,7 +15,7 @@ from pipeline.core.errors import LogError
 from pipeline.core.frames import Poses, Stamps, Trajectory, flip_ned, pose
 from pipeline.formats import robotcar
 from pipeline.readers import log
-from pipeline.readers.columns import columns, numbers, utimes_ns
+from pipeline.readers.columns import read_columns, to_numbers, utimes_ns
 
 LARGEST_NUMBER = 1e9
 """Limit in metres and radians: a larger number is damage."""
@@ -56,9 +56,9 @@ def read_vo(path: Path, max_gap_s: float) -> Odometry:
     before is a break. Raises LogError naming a row whose destination is not before its source, or
     whose source does not increase.
     """
-    table = columns(path, robotcar.VO_COLUMNS)
-    to_utime, from_utime = numbers(path, table, robotcar.VO_STAMPS).T
-    motions = numbers(path, table, robotcar.POSE)
+    table = read_columns(path, robotcar.VO_COLUMNS)
+    to_utime, from_utime = to_numbers(path, table, robotcar.VO_STAMPS).T
+    motions = to_numbers(path, table, robotcar.POSE)
     is_step = (from_utime >= 0) & (from_utime < to_utime) & (from_utime == np.floor(from_utime))
     bad_rows = np.flatnonzero(~is_step)
     if len(bad_rows):
@@ -100,9 +100,9 @@ def read_ins(path: Path, vehicle_T_ins: NDArray[np.float64], max_gap_s: float) -
     Rows whose status is not INS_SOLUTION_GOOD are gaps. `vehicle_T_ins` (4, 4) is between the
     z-down frames, as `read_extrinsics` returns it. Raises LogError for several UTM zones.
     """
-    table = columns(path, ("timestamp", "ins_status", "utm_zone", *robotcar.INS_POSE))
-    stamps_ns = utimes_ns(path, numbers(path, table, ("timestamp",))[:, 0])
-    rows = numbers(path, table, robotcar.INS_POSE)
+    table = read_columns(path, ("timestamp", "ins_status", "utm_zone", *robotcar.INS_POSE))
+    stamps_ns = utimes_ns(path, to_numbers(path, table, ("timestamp",))[:, 0])
+    rows = to_numbers(path, table, robotcar.INS_POSE)
     has_good_status = np.array(table["ins_status"]) == robotcar.INS_GOOD
     is_good = has_good_status & (np.abs(rows) < LARGEST_NUMBER).all(axis=1)
     zones = sorted(set(np.array(table["utm_zone"])[is_good]))
@@ -128,7 +128,7 @@ def read_extrinsics(folder: Path, sensor: str) -> NDArray[np.float64]:
             f"{path}: no such file; copy the folder `extrinsics` of the data set's SDK "
             "(robotcar-dataset-sdk) there"
         )
-    rows = log.table(path, 6)
+    rows = log.read_table(path, 6)
     if len(rows) != 1 or not (np.abs(rows) < LARGEST_NUMBER).all():
         raise LogError(f"{path}: expected one row of six finite numbers: x, y, z, roll, pitch, yaw")
     return np.asarray(pose(*np.hsplit(rows, 2))[0])

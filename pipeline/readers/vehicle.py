@@ -1,8 +1,8 @@
 """Checks that the poses of a log are those of a vehicle, and cuts odometry where it jumps.
 
-A vehicle is upright, drives forward or backward, and does not jump. `warnings` describes, in lines
-for the user, what speaks against that in a trajectory: mostly wrong axes, units or clocks.
-`split_at_jumps` makes a gap in an odometry at each jump, since it was set back there.
+A vehicle is upright, drives forward or backward, and does not jump. `describe_faults` says, in
+lines for the user, what speaks against that in a trajectory: mostly wrong axes, units or clocks.
+`split_at_jumps` makes a gap in an odometry at each jump, since odometry was set back there.
 """
 
 from dataclasses import replace
@@ -52,7 +52,7 @@ GAIN_DEG_S = 360.0
 in length and by JUMP_DEG + GAIN_DEG_S dt in turn; beyond that it is a jump."""
 
 
-def warnings(name: str, ground_truth: Trajectory) -> tuple[str, ...]:
+def describe_faults(name: str, ground_truth: Trajectory) -> tuple[str, ...]:
     """Lines on what no vehicle does in a trajectory; empty if all is well.
 
     The world is z-up, the body x forward, y left, z up. The lines call the trajectory `name`.
@@ -76,7 +76,7 @@ def warnings(name: str, ground_truth: Trajectory) -> tuple[str, ...]:
             "axes a camera's (poses_frame: camera)?"
         )
     lines += _direction_warnings(name, poses)
-    rows = jumps(ground_truth)
+    rows = find_jumps(ground_truth)
     if len(rows):
         why = "are two drives in one file, was odometry set back, or a map corrected?"
         lines.append(f"{name}: {_jumps_text(ground_truth, rows)}: no vehicle drives so; {why}")
@@ -85,7 +85,7 @@ def warnings(name: str, ground_truth: Trajectory) -> tuple[str, ...]:
 
 def split_at_jumps(name: str, odometry: Trajectory) -> tuple[Trajectory, tuple[str, ...]]:
     """The odometry with a gap, a row of NaN, at each jump, and a note on the jumps for the user."""
-    rows = jumps(odometry)
+    rows = find_jumps(odometry)
     if not len(rows):
         return odometry, ()
     gaps_ns = odometry.stamps_ns[rows - 1] + 1
@@ -97,29 +97,29 @@ def split_at_jumps(name: str, odometry: Trajectory) -> tuple[Trajectory, tuple[s
     return with_gaps, (f"{name}: {_jumps_text(odometry, rows)}: the odometry starts again there",)
 
 
-def jumps(trajectory: Trajectory) -> NDArray[np.int64]:
+def find_jumps(trajectory: Trajectory) -> NDArray[np.int64]:
     """The rows (k,) at the end of jumps: steps far longer or wider than those before and after."""
     finite_rows = np.flatnonzero(np.isfinite(trajectory.world_T_body).all(axis=(1, 2)))
     if len(finite_rows) < 2:
         return np.empty(0, np.int64)
-    # 1. length, turn and time of each step between two known poses
+    # 1. Compute the length, turn and time of each step between two known poses.
     poses = trajectory.world_T_body[finite_rows]
     seconds = np.diff(trajectory.stamps_ns[finite_rows]) / 1e9
     step_m, turn_deg = distance_and_turn(poses[:-1], poses[1:])
     is_step = (np.diff(finite_rows) == 1) & (seconds <= trajectory.max_gap_s)
-    # 2. by how much it exceeds the fastest of its neighbours
+    # 2. Compute by how much it exceeds the fastest of its neighbours.
     typical_count = NEIGHBOURHOOD_S / np.median(seconds)
     count = int(np.clip(np.rint(typical_count), 1, MAX_NEIGHBOURS))
     excess_m = step_m - seconds * _fastest_neighbour(step_m / seconds, is_step, count)
     excess_deg = turn_deg - seconds * _fastest_neighbour(turn_deg / seconds, is_step, count)
-    # 3. jumps in position or heading
+    # 3. Find the jumps in position or heading.
     is_too_fast = (step_m > JUMP_M) & (step_m > FASTEST_M_S * seconds)
     is_far = (excess_m > JUMP_M + GAIN_M_S2 * seconds**2) | is_too_fast
     is_wide = excess_deg > JUMP_DEG + GAIN_DEG_S * seconds
     return np.asarray(finite_rows[1:][is_step & (is_far | is_wide)])
 
 
-def breaks_ns(odometry: Trajectory) -> Stamps:
+def find_breaks(odometry: Trajectory) -> Stamps:
     """The stamps (k,) of the first known pose after each gap in the odometry.
 
     A gap is rows of NaN, or neighbours further apart in time than max_gap_s.

@@ -20,7 +20,7 @@ from pipeline.core import schemas
 from pipeline.core.errors import ConfigError, InputError
 from pipeline.core.settings import Count, NotNegative, Range, Seed, Side, check
 from pipeline.mapping.bricks import BRICK, LEAVES, Bricks, corner
-from pipeline.mapping.ground import plane
+from pipeline.mapping.ground import find_plane
 from pipeline.mapping.octree import Octree, OctreeMap, log_odds
 
 NEAR_M = 0.2
@@ -106,7 +106,7 @@ class BirdView:
             is_near = np.hypot(points_m[:, 0], points_m[:, 1]) < self.octree.edge_m / 2
             near_points = points_m[is_near].astype(np.float64)
             stride = max(math.ceil(len(near_points) / POINTS), 1)
-            ground_plane = plane(
+            ground_plane = find_plane(
                 near_points[::stride],
                 NEAR_M,
                 STEEPEST_DEG,

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pipeline.core import schemas
 from pipeline.core.errors import InputError
 from pipeline.core.settings import Count, NotNegative, Positive, Range, Seed, checked
-from pipeline.mapping.ground import plane
+from pipeline.mapping.ground import find_plane
 from pipeline.views import kernels
 
 
@@ -46,14 +46,13 @@ class Cloud:
     """Seeds the random numbers of every cloud, so that none depends on those before it."""
 
     def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.float16]:
-        """Make the cloud (points, 3) of a submap's points (n, 3) in metres.
+        """Make the cloud (points, 3) of a submap's points (n, 3).
 
-        They are in the frame of its anchor, the newest scan: the origin is on the ground, z up.
-
-        Its points are relative to their mean, in units of `half_m`, clipped to [−1, 1]. Their order
-        is random, so that the first m are a sample too. If fewer are left than wanted, all of them
-        come first, then random ones again; if none is left, all are zero. Raises InputError for a
-        wrong shape or a point that is not finite.
+        `points_m` are in metres in the frame of the submap's anchor, the newest scan: the origin is
+        on the ground, z up. The cloud's points are relative to their mean, in units of `half_m`,
+        clipped to [−1, 1]. Their order is random, so that the first m are a sample too. If fewer
+        are left than wanted, all of them come first, then random ones again; if none is left, all
+        are zero. Raises InputError for a wrong shape or a point that is not finite.
         """
         if points_m.ndim != 2 or points_m.shape[1] != 3:
             raise InputError(f"points of shape {points_m.shape}: expected (n, 3)")
@@ -66,7 +65,7 @@ class Cloud:
         if self.voxel_m > 0 and len(points):
             points = kernels.voxel_means(points, self.voxel_m)
 
-        # 2. Keep those around the sensor, without the ground.
+        # 2. Keep the points around the sensor, without the ground.
         points = points[(np.abs(points) <= self.half_m).all(axis=1)]
         if self.plane_m > 0:
             points = points[~self._is_ground(points, rng)]
@@ -86,11 +85,11 @@ class Cloud:
         self, points: NDArray[np.float64], rng: np.random.Generator
     ) -> NDArray[np.bool_]:
         """True for the points (n, 3) that lie on the ground; none if no ground is found."""
-        ground_plane = plane(points, self.plane_m, self.slope_deg, self.iterations, rng)
+        ground_plane = find_plane(points, self.plane_m, self.slope_deg, self.iterations, rng)
         if ground_plane is None:
             return np.zeros(len(points), bool)
         # The plane is a x + b y + z = height_m. Distances are measured along z, where the margin is
-        # wider by the slope, and in float32, as `plane` counts the points near it.
+        # wider by the slope, and in float32, as `find_plane` counts the points near it.
         a, b, height_m = ground_plane
         x, y, z = points.T.astype(np.float32, order="C")
         margin_m = self.plane_m * math.sqrt(a * a + b * b + 1)

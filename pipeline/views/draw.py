@@ -79,12 +79,12 @@ class Drawing:
         Raises ArtifactError if all are blank.
         """
         schema = self.view.schema
-        blocks = progress.track(
+        tracked_blocks = progress.track(
             self.blocks(compute), math.ceil(len(self) / BLOCK), f"draw {path.stem}"
         )
         count = blank = 0
         with store.draft(path, schema, cases=UNPERTURBED) as out:
-            for images in blocks:
+            for images in tracked_blocks:
                 out.append("images", images)
                 count += len(images)
                 shows_something = self.shows(images).reshape(len(images), -1).any(axis=1)

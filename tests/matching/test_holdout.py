@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.matching.holdout import blocks, numbered
+from pipeline.matching.holdout import blocks, number_blocks
 from tests.matching import made
 
 
@@ -39,16 +39,16 @@ def test_a_place_never_loses_its_last_row() -> None:
 def test_validation_submaps_are_numbered_by_their_block() -> None:
     poses = along(120)
     is_validation = blocks(poses, np.zeros(120, np.int64), 40.0, 4.0)
-    assert numbered(poses, is_validation, 40.0, 4.0).tolist() == [0] * 4 + [1] * 4 + [2] * 4
+    assert number_blocks(poses, is_validation, 40.0, 4.0).tolist() == [0] * 4 + [1] * 4 + [2] * 4
     # A block that lost its middle, since a place would have lost its last row, stays one.
     is_validation[21:23] = False
-    assert numbered(poses, is_validation, 40.0, 4.0).tolist() == [0] * 2 + [1] * 4 + [2] * 4
+    assert number_blocks(poses, is_validation, 40.0, 4.0).tolist() == [0] * 2 + [1] * 4 + [2] * 4
     # All is_validation out: stretches of half of 40 m, or of the 40 m that a block is long. 120
     # rows are 119 m.
     every = np.ones(120, bool)
-    assert numbered(poses, every, 40.0, 4.0).tolist() == np.repeat(np.arange(6), 20).tolist()
-    assert numbered(poses, every, 40.0, 40.0).tolist() == np.repeat(np.arange(3), 40).tolist()
-    assert not len(numbered(poses, ~every, 40.0, 4.0))
+    assert number_blocks(poses, every, 40.0, 4.0).tolist() == np.repeat(np.arange(6), 20).tolist()
+    assert number_blocks(poses, every, 40.0, 40.0).tolist() == np.repeat(np.arange(3), 40).tolist()
+    assert not len(number_blocks(poses, ~every, 40.0, 4.0))
 
 
 @given(

@@ -101,9 +101,9 @@ def test_one_query_is_answered_as_in_a_crowd_and_none_not_at_all(name: str) -> N
     ask = METHODS[name][0].localizer(model_of(name))
     queries = METHODS[name][2]
     crowd = ask(queries, 3)
-    none = ask(queries.some(slice(0)), 3)
+    none = ask(queries.select(slice(0)), 3)
     for row in (0, 30):
-        alone = ask(queries.some(slice(row, row + 1)), 3)
+        alone = ask(queries.select(slice(row, row + 1)), 3)
         assert alone.places.tolist() == crowd.places[row : row + 1].tolist()
         # Networks round by what is computed together
         atol = 0 if name in ("fifty", "all", "m2dp") else 1e-5
@@ -140,7 +140,7 @@ def test_an_extended_model_knows_the_new_place_and_the_old_ones(name: str) -> No
     method, views, queries, places = METHODS[name]
     is_known = places < places.max()
     budget = Progress(budget=1.0)
-    parts = [TrainingSet(views.some(rows), places[rows]) for rows in (is_known, ~is_known)]
+    parts = [TrainingSet(views.select(rows), places[rows]) for rows in (is_known, ~is_known)]
     if name in ("sci", "sci_ring"):
         method = replace(method, incremental=0.5, epochs=16)
     model = method.learn(*parts[0], budget)
@@ -159,14 +159,14 @@ def test_an_extended_database_of_sequences_has_all_rows_and_the_same_networks(na
     method, views, _, places = METHODS[name]
     is_known = np.arange(len(places)) < len(places) - 1
     is_known[np.unique(places, return_index=True)[1]] = True
-    model = method.learn(views.some(is_known), places[is_known], SHARE)
+    model = method.learn(views.select(is_known), places[is_known], SHARE)
     new = (
-        TrainingSet(views.some(~is_known), places[~is_known])
+        TrainingSet(views.select(~is_known), places[~is_known])
         if (~is_known).any()
-        else TrainingSet(views.some(slice(1)), places[:1])
+        else TrainingSet(views.select(slice(1)), places[:1])
     )
     incremental = method.extend(
-        model, TrainingSet(views.some(is_known), places[is_known]), new, SHARE
+        model, TrainingSet(views.select(is_known), places[is_known]), new, SHARE
     )
     assert len(incremental["database/places"]) == is_known.sum() + len(new)
     networks = [key for key in model if key.startswith("net/")]

@@ -135,7 +135,7 @@ def test_views_of_other_number_types_and_none_at_all_are_answered(model: Model) 
     rank = SMALL.localizer(model)
     floats = along(rows(2).images.astype(np.float32), 2.0)
     assert np.array_equal(rank(floats, 2).costs, rank(rows(2), 2).costs)
-    assert [rank(rows(2).some(slice(n)), 2).places.shape for n in (0, 1)] == [(0, 2), (1, 2)]
+    assert [rank(rows(2).select(slice(n)), 2).places.shape for n in (0, 1)] == [(0, 2), (1, 2)]
 
 
 def test_a_model_can_be_moved_to_another_drive(model: Model) -> None:

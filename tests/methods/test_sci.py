@@ -119,7 +119,7 @@ def test_novelty_is_between_zero_and_one_and_higher_for_unknown_scenes(
     model: Model, ranking: Ranking
 ) -> None:
     unknown = SMALL.localizer(model)(
-        rows(4, places=PLACES + 4).some(slice(len(GROUND_TRUTH), None)), 1
+        rows(4, places=PLACES + 4).select(slice(len(GROUND_TRUTH), None)), 1
     )
     for novelty in (ranking.novelty, unknown.novelty):
         assert ((novelty[:, :2] >= 0) & (novelty[:, :2] <= 1)).all()

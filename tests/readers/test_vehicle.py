@@ -10,7 +10,7 @@ from pipeline.formats.bag import BagWriter
 from pipeline.readers.bag import Bag
 from pipeline.readers.folder import Folder
 from pipeline.readers.log import Log
-from pipeline.readers.vehicle import breaks_ns, jumps, split_at_jumps, warnings
+from pipeline.readers.vehicle import describe_faults, find_breaks, find_jumps, split_at_jumps
 from tests.readers.bags import START_NS, STEP_NS, at, cloud
 from tests.readers.logs import START, folder_log
 
@@ -47,7 +47,7 @@ def straight(count: int = 100, along: tuple[float, float, float] = (1, 0, 0)) ->
 def test_what_no_vehicle_does_gives_a_warning(
     way: tuple[float, float, float], rpy_deg: tuple[float, float, float], says: str
 ) -> None:
-    (line,) = warnings("/odom", drive(straight(along=way), rpy_deg))
+    (line,) = describe_faults("/odom", drive(straight(along=way), rpy_deg))
     assert line.startswith("/odom: ")
     assert says in line
 
@@ -56,15 +56,15 @@ def test_a_heading_that_does_not_follow_the_path_gives_a_warning() -> None:
     """A circle of 100 m driven without turning, as where only positions were measured."""
     turn_rad = np.linspace(0, 2 * np.pi, 600)
     circle = drive(100 * np.column_stack([np.cos(turn_rad), np.sin(turn_rad), 0 * turn_rad]))
-    (line,) = warnings("x", circle)
+    (line,) = describe_faults("x", circle)
     assert "heading does not follow its way" in line
     rpy_rad = np.column_stack([0 * turn_rad, 0 * turn_rad, turn_rad + np.pi / 2])
     ahead = pose(circle.world_T_body[:, :3, 3], rpy_rad)
-    assert warnings("x", Trajectory(circle.stamps_ns, ahead, 0.5)) == ()
+    assert describe_faults("x", Trajectory(circle.stamps_ns, ahead, 0.5)) == ()
 
 
 def test_positions_in_millimetres_give_a_warning() -> None:
-    (line,) = warnings("x", drive(1000 * straight()))
+    (line,) = describe_faults("x", drive(1000 * straight()))
     assert line.startswith("x: the body drives at 10,000 m/s most of the way: are its positions in")
     assert line.endswith(" metres, its stamps in order?")
 
@@ -72,10 +72,10 @@ def test_positions_in_millimetres_give_a_warning() -> None:
 def test_a_vehicle_gives_no_warning() -> None:
     """On a slope of 20 %, pitched and rolled by 10°, driving backwards, standing; and where nothing
     is known."""
-    assert warnings("x", drive(straight(along=(0.98, 0, 0.2)), (10, -10, 0))) == ()
-    assert warnings("x", drive(-straight())) == ()
-    assert warnings("x", drive(np.zeros((50, 3)))) == ()
-    assert warnings("x", drive(np.full((5, 3), np.nan))) == ()
+    assert describe_faults("x", drive(straight(along=(0.98, 0, 0.2)), (10, -10, 0))) == ()
+    assert describe_faults("x", drive(-straight())) == ()
+    assert describe_faults("x", drive(np.zeros((50, 3)))) == ()
+    assert describe_faults("x", drive(np.full((5, 3), np.nan))) == ()
 
 
 # Jumps
@@ -84,36 +84,36 @@ def test_a_vehicle_gives_no_warning() -> None:
 def test_a_step_far_longer_than_those_around_it_is_a_jump() -> None:
     xyz_m = straight(20)
     xyz_m[11:, 0] -= 11  # set back to 0: 10 m back, where a metre was due
-    assert jumps(drive(xyz_m)).tolist() == [11]
-    (line,) = warnings("x", drive(xyz_m))
+    assert find_jumps(drive(xyz_m)).tolist() == [11]
+    (line,) = describe_faults("x", drive(xyz_m))
     assert "jumps once, first at 1.100 s by 10 m and 0° in 0.1 s: no vehicle drives so" in line
 
 
 def test_a_turn_far_wider_than_those_around_it_is_a_jump() -> None:
     poses = drive(straight(20))
     poses.world_T_body[11:] = poses.world_T_body[11:] @ at(0, np.radians(120))
-    assert jumps(poses).tolist() == [11]
+    assert find_jumps(poses).tolist() == [11]
 
 
 def test_driving_off_braking_and_gaps_are_no_jumps() -> None:
     """From 0 to 3 m/s in a tenth of a second; a step over a second without poses; a first step of a
     metre after a gap of one."""
     fast = np.concatenate([np.zeros(10), 0.3 * np.arange(1, 11), np.full(10, 3.0)])
-    assert not len(jumps(drive(np.column_stack([fast, 0 * fast, 0 * fast]))))
+    assert not len(find_jumps(drive(np.column_stack([fast, 0 * fast, 0 * fast]))))
     gap = drive(straight(20))
     gap.stamps_ns[10:] += 10**9
     gap.world_T_body[10:, 0, 3] += 50
-    assert not len(jumps(gap))
+    assert not len(find_jumps(gap))
     with_gaps = drive(straight(20))
     with_gaps.world_T_body[[9, 11]] = np.nan  # one pose alone between two gaps
     with_gaps.world_T_body[10, 0, 3] += 50
-    assert not len(jumps(with_gaps))
+    assert not len(find_jumps(with_gaps))
 
 
 def test_a_topic_that_repeats_each_pose_does_not_jump() -> None:
     """A hundred poses a second of a robot that is posed ten times a second: nine steps of nothing,
     and one of a metre."""
-    assert not len(jumps(drive(np.repeat(straight(20), 10, axis=0), step_ns=10**7)))
+    assert not len(find_jumps(drive(np.repeat(straight(20), 10, axis=0), step_ns=10**7)))
 
 
 def test_odometry_that_is_set_back_gets_a_gap_and_a_note() -> None:
@@ -126,7 +126,7 @@ def test_odometry_that_is_set_back_gets_a_gap_and_a_note() -> None:
     )
     known = fixed.at(np.array([100, 105, 110]) * 10**7)[1]
     assert known.tolist() == [True, False, True]
-    assert breaks_ns(fixed).tolist() == [11 * TENTH_NS]
+    assert find_breaks(fixed).tolist() == [11 * TENTH_NS]
     assert split_at_jumps("x", drive(straight(20)))[1] == ()
 
 
