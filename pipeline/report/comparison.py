@@ -71,7 +71,8 @@ class Measure:
     name: str
     title: str
     digits: int = 3
-    # whether it is the share of what the same model and seed has on the unperturbed sequence
+    # whether it is the fraction of what the same model and seed has on unperturbed queries of the
+    # same sequence
     relative: bool = False
 
 

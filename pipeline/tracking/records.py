@@ -274,11 +274,13 @@ def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:
                 seeds=seeds,
                 simulated=study.simulated,
             ),
-            used=used_sequences(_with_training(study, steps), study.tests, study_runs.lock),
+            used=used_sequences(
+                _with_steps_as_training(study, steps), study.tests, study_runs.lock
+            ),
         )
 
 
-def _with_training(study: Study, steps: Sequence[str]) -> Study:
+def _with_steps_as_training(study: Study, steps: Sequence[str]) -> Study:
     """A copy of the study whose training sequences are these steps, for `used_sequences`."""
     sequences = {*study.train, *study.learned, *study.self_training}
     # a step may also be a part of a day, which is no sequence

@@ -12,7 +12,7 @@ from syrupy.assertion import SnapshotAssertion
 from pipeline.evaluation.caveats import CAVEATS, DEGENERATE
 from pipeline.evaluation.rows import AGAINST, NEAR_CHANGE, row, table
 from pipeline.report import findings
-from pipeline.report.comparison import AUC, Kind
+from pipeline.report.comparison import AUC, UNPERTURBED_KIND, Kind
 from pipeline.report.findings import Finding
 from pipeline.report.render import percent, sentence
 from pipeline.report.result import Result
@@ -20,7 +20,6 @@ from pipeline.report.study import StudyResults, TrainingRecord
 from tests.report.figures.made import BUILT, COMPARED, DAYS, ONE, TURNED, compared, rows_of
 
 NAN = np.nan
-DRIVEN = Kind()
 DAYS_AFTER = (20, 152)
 
 
@@ -344,20 +343,20 @@ def test_the_leader_is_ahead_of_the_next_three(models: int, snapshot: SnapshotAs
 
 def test_without_queries_unperturbed_nobody_leads(snapshot: SnapshotAssertion) -> None:
     turned_alone = compared({("sci", TURNED): [[[0.7], [0.8]]]}, {})
-    assert sentence(findings.leader(turned_alone, DRIVEN, AUC)) == snapshot
+    assert sentence(findings.leader(turned_alone, UNPERTURBED_KIND, AUC)) == snapshot
 
 
 def test_who_keeps_its_auc_is_named_first(snapshot: SnapshotAssertion) -> None:
     assert sentence(findings.kept(COMPARED, TURNED)) == snapshot(name="two keep it")
     built = Kind("construction", 2.0, True)
     assert sentence(findings.kept(BUILT, built)) == snapshot(name="walls that hide what is behind")
-    lost = compared({("sci", DRIVEN): [[[0.8]]], ("sci", TURNED): [[[0.4]]]}, {})
+    lost = compared({("sci", UNPERTURBED_KIND): [[[0.8]]], ("sci", TURNED): [[[0.4]]]}, {})
     assert sentence(findings.kept(lost, TURNED)) == snapshot(name="none keeps it")
     even = compared(
-        {(m, kind): [[[0.8]]] for m in ("sci", "a", "b") for kind in (DRIVEN, TURNED)}, {}
+        {(m, kind): [[[0.8]]] for m in ("sci", "a", "b") for kind in (UNPERTURBED_KIND, TURNED)}, {}
     )
     assert sentence(findings.kept(even, TURNED)) == snapshot(name="all keep it")
-    nothing = compared({("sci", DRIVEN): [[[NAN]]], ("sci", TURNED): [[[NAN]]]}, {})
+    nothing = compared({("sci", UNPERTURBED_KIND): [[[NAN]]], ("sci", TURNED): [[[NAN]]]}, {})
     assert sentence(findings.kept(nothing, TURNED)) == snapshot(name="no AUC")
 
 
@@ -398,7 +397,7 @@ def ways(turned: Mapping[str, float], driven: Mapping[str, float], sequences: in
     """The finding on N-way training, of models with these AUCs on every sequence."""
     values = {
         (m, kind): [[[auc]] * sequences]
-        for kind, each in ((DRIVEN, driven), (TURNED, turned))
+        for kind, each in ((UNPERTURBED_KIND, driven), (TURNED, turned))
         for m, auc in each.items()
     }
     return findings.n_ways(compared(values, {"sci": 1, "sci-4way": 4, "sci-8way": 8}), TURNED)

@@ -125,7 +125,7 @@ def verdicts(
     """The poses (count, 4, 4) of unperturbed queries, and which poses are accepted (count,).
 
     Also returns the target precision: the highest up to `judged_precision` that has a threshold. If
-    none has, no pose is accepted, and it is None. Raises ArtifactError if there are not so many
+    none has, no pose is accepted, and it is None. Raises ArtifactError unless there are `count`
     poses.
     """
     rows = unperturbed(fixes, count)

@@ -87,7 +87,7 @@ def write(
     plain: Sequence[str],
     progress: Progress,
 ) -> tuple[int, int]:
-    """Draw and save the frames of at most so many of `count` moments, evenly spread; see `save`."""
+    """Draw and save at most `most_frames` of `count` moments, evenly spread; see `save`."""
     shown = spread(count, most_frames).tolist()
     frames = progress.track(map(frame, shown), len(shown), "frames")
     return save(frames, path, palette(inks, plain))

@@ -22,7 +22,8 @@ from pipeline.report.figures.style import SIMULATED
 WIDTH_PX = 800
 HEIGHT_PX = 450
 MOST_FRAMES = 90
-# Where the camera is: so far behind the robot and above it, looking at a point so far ahead.
+# Where the camera is: its distance behind the robot and above it, and that of the point ahead of
+# the robot that it looks at.
 BEHIND_M = 26.0
 ABOVE_M = 17.0
 AHEAD_M = 14.0

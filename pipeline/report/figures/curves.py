@@ -48,7 +48,7 @@ YEAR_HEIGHT_IN = 6.2  # of the figure of `year` with its panels OVER_THE_YEAR
 # YEAR_HEIGHT_IN keeps names from touching.
 NAME_IN = 0.088 * YEAR_HEIGHT_IN / 3
 RECALL_NAME_GAP = 0.08  # between models' names in `recall_at`, as a fraction of the y axis
-MANY_MODELS = 3  # from so many models on, panels are larger
+MANY_MODELS = 3  # from this many models on, a row has fewer and larger panels
 VALIDATION = "validation_"  # how the name of a training curve on validation blocks begins
 FRACTION_ENDINGS = ("accuracy", "recall")  # curves whose names end so lie between 0 and 1
 # The panels of `year`, unless it is given others.

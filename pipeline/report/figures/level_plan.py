@@ -31,7 +31,7 @@ MARGIN_M = 1.0  # around what is known of the building
 UNKNOWN = "#E4E4E4"
 FREE = "#FFFFFF"
 WALL = "#4A4A4A"
-WALL_SHARE = 0.15  # a pixel with at least this share of wall is drawn as a wall
+WALL_SHARE = 0.15  # a pixel with at least this fraction of wall is drawn as a wall
 ROBOT_M = 1.0  # least length of the robot's arrow, so that it can be seen
 ROBOT_PX = 15.0
 
@@ -69,7 +69,7 @@ class Plan:
         height, width = (high - low).tolist()
         scale = min(WIDTH_PX / width, (MOST_HEIGHT_PX - HEAD_PX) / height)
         size = (max(1, round(width * scale)), max(1, round(height * scale)))
-        # the picture; a wall is thinner than a pixel, so a small share of it counts
+        # the picture; a wall is thinner than a pixel, so a small fraction of it counts
         unknown, known_free, wall = animation.rgb((UNKNOWN, FREE, WALL))
         pixels = np.full((size[1], size[0], 3), unknown)
         pixels[_shares(free[rows, cols], size) > 0.5] = known_free
@@ -162,6 +162,6 @@ def _arrow(
 
 
 def _shares(cells: NDArray[np.bool_], size: tuple[int, int]) -> NDArray[np.float64]:
-    """The share of each pixel (height, width) that is True in the cells, whose row 0 lies below."""
+    """How much of each pixel (height, width), 0 to 1, is True in the cells (row 0 lies below)."""
     image = Image.fromarray(255 * cells[::-1].astype(np.uint8))
     return np.asarray(image.resize(size, Image.Resampling.BOX)) / 255

@@ -92,7 +92,7 @@ def panel_axes(
     x_label: str = "",
     y_label: str = "",
 ) -> list[Axes]:
-    """The first `number` axes of a grid with so many columns; see `facets`."""
+    """The first `number` axes of a grid with `columns` columns; see `facets`."""
     columns = min(columns, number)
     rows = math.ceil(number / columns)
     axes = list(fig.subplots(rows, columns, squeeze=False, sharex=shared, sharey=shared).flat)
@@ -202,10 +202,10 @@ def in_corner(
 
 
 def calibration(axis: Axes, bins: Reliability, tint: str, whole_area: float = 0.0) -> None:
-    """Draw the share of right answers over their probability, with each bin's error in red.
+    """Draw the fraction of right answers over their probability, with each bin's error in red.
 
-    The area of a marker is `whole_area`, in square points, times the bin's share of the queries; if
-    `whole_area` is 0, all markers have one size.
+    The area of a marker is `whole_area`, in square points, times the bin's fraction of the queries;
+    if `whole_area` is 0, all markers have one size.
     """
     has_queries = bins.count > 0
     probability = bins.confidence[has_queries]
@@ -222,7 +222,7 @@ def calibration(axis: Axes, bins: Reliability, tint: str, whole_area: float = 0.
 def name_ends(axis: Axes, drawn: Sequence[Line], gap: float) -> None:
     """Write the names of lines right of their last finite values, at least `gap` apart.
 
-    `gap` is a share of the y axis.
+    `gap` is a fraction of the y axis.
     """
     low, high = axis.get_ylim()
     gap *= high - low

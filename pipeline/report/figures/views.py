@@ -30,7 +30,7 @@ MOST_POINTS = 30_000  # of one cloud that are drawn, evenly spread
 ROBOT = "#D55E00"
 TOP_M = 15.0  # where the colours of heights end, as those of a Scan Context's image do
 ROW_IN = 1.35  # height of the row of one cloud in `place`
-NODE_LEVELS = 2  # the panel of nodes in `bird_view` shows those so many levels above the leaves
+NODE_LEVELS = 2  # levels above the leaves of the nodes that `bird_view` shows
 
 
 def perturbed(

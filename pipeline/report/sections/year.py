@@ -54,7 +54,7 @@ LINES = {
     "novelty_percentile": "novelty of the seen, percentile, by {}",
     "recall_at_1": "recall@1, by {}",
 }
-DRAWN = 4  # so many of these numbers are drawn, the first ones of AGEING
+DRAWN = 4  # number of metrics that are drawn: the first of AGEING
 
 
 def sections(study: StudyResults, folder: Path, view: Callable[[str], Any]) -> Iterator[Section]:
