@@ -15,7 +15,7 @@ from pipeline.core.frames import transformed
 from pipeline.formats.bag import SWEEP
 from pipeline.formats.bag_file import plain
 from pipeline.inspection.inspection import typographic
-from pipeline.mapping.appearance import ground
+from pipeline.mapping.appearance import measure_ground_m
 from pipeline.opening.bag_contents import (
     DRIFTING_NAMES,
     Contents,
@@ -167,7 +167,7 @@ def _lift(
             body_cloud = transformed(body_T_lidar, cloud)
             if len(cloud) >= MIN_CLOUD_POINTS:
                 range_m = np.hypot(body_cloud[:, 0], body_cloud[:, 1])
-                heights_m.append(ground(body_cloud, range_m))
+                heights_m.append(measure_ground_m(body_cloud, range_m))
     if not heights_m:
         return (
             0.0,

@@ -14,8 +14,7 @@ from pipeline.inspection import symptoms
 from pipeline.inspection.beams import find_beams
 from pipeline.inspection.inspection import Inspection, metres, typographic
 from pipeline.inspection.symptoms import Kind, Symptom
-from pipeline.mapping.appearance import coverage
-from pipeline.mapping.appearance import ground as ground_height
+from pipeline.mapping.appearance import measure_coverage_deg, measure_ground_m
 
 UNKNOWN = (float("nan"),) * 3
 """Three numbers of a cloud that has none."""
@@ -121,7 +120,7 @@ def diagnose(
             float(range_m.max()),
         ),
         z_m=tuple(map(float, np.percentile(points[:, 2], (1, 50, 99)))),
-        azimuth_deg=coverage(points[range_m > 0]),
+        azimuth_deg=measure_coverage_deg(points[range_m > 0]),
         beams=beams,
         has_laser_ids=lasers is not None,
     )
@@ -129,7 +128,7 @@ def diagnose(
         return replace(diagnosis, symptoms=(*cloud_symptoms, unit_or_shape))
 
     # 2. ground and sensor, of a cloud that is in metres and not flat
-    ground_m = ground_height(points, range_m)
+    ground_m = measure_ground_m(points, range_m)
     # z points down if the cloud reaches more than 1 m below its ground, and twice as far below as
     # above it: by the lowest and highest percent of its points, a few of which are always wrong
     lowest_m, _, highest_m = diagnosis.z_m

@@ -19,7 +19,7 @@ from pipeline.inspection.cloud import spread
 from pipeline.inspection.files import moment_of
 from pipeline.inspection.inspection import Inspection, box, duration, metres, nbytes, stamp_rows
 from pipeline.inspection.tracks import warn_of_gaps
-from pipeline.mapping.appearance import coverage
+from pipeline.mapping.appearance import measure_coverage_deg
 from pipeline.opening.opening import Opening
 from pipeline.readers import log
 from pipeline.readers.columns import read_columns, to_numbers
@@ -61,7 +61,7 @@ def describe_sweep(path: Path, inspection: Inspection) -> None:
         ("taken", moment_of(path)),
         ("returns", f"{len(points):,} of {len(rows):,} beams in the file"),
         ("range", range_text),
-        ("azimuth", f"{coverage(points):.0f}° of 360° covered"),
+        ("azimuth", f"{measure_coverage_deg(points):.0f}° of 360° covered"),
         ("reflectance", reflectance_text),
         (
             "frame",

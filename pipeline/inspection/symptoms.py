@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.inspection.inspection import typographic
-from pipeline.mapping.appearance import LEVEL_M, thickness
+from pipeline.mapping.appearance import LEVEL_M, measure_thickness_m
 
 MIN_POINTS = 1_000
 """A scan of a spinning LiDAR has at least so many points."""
@@ -112,7 +112,7 @@ def unit_or_shape(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> 
         return Symptom.of(Kind.NORMALISED)
     if np.median(range_m) > FARTHEST_M:
         return Symptom.of(Kind.NOT_METRES, np.median(range_m))
-    thickness_m = thickness(points)
+    thickness_m = measure_thickness_m(points)
     return Symptom.of(Kind.FLAT, 100 * thickness_m) if thickness_m <= LEVEL_M else None
 
 

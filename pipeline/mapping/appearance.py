@@ -27,7 +27,7 @@ WIDEST_GAP_DEG = 3.0
 """A wider gap between the azimuths of two points is not covered by the sensor."""
 
 
-def appearance(
+def measure_appearance(
     scans: Scans,
     layout: PoseColumn,
     first: NDArray[np.int64],
@@ -54,8 +54,12 @@ def appearance(
         points = next(iter(gathering))
         if len(points):
             range_m = np.hypot(points[:, 0], points[:, 1])
-            azimuth_deg = coverage(points[range_m > 0])
-            ground_z_m = ground(points, range_m) if thickness(points) > LEVEL_M else np.nan
+            azimuth_deg = measure_coverage_deg(points[range_m > 0])
+            ground_z_m = (
+                measure_ground_m(points, range_m)
+                if measure_thickness_m(points) > LEVEL_M
+                else np.nan
+            )
             highest_m = float(np.percentile(points[:, 2], 99))
             measures.append((azimuth_deg, ground_z_m, highest_m))
     if measures:
@@ -67,11 +71,11 @@ def appearance(
 
 def is_level(sweeps: Iterable[NDArray[np.floating]]) -> bool:
     """Whether scans (n, 3) are sweeps of a level 2-D laser: most have all points in one plane."""
-    thicknesses_m = [thickness(_sampled(points)) for points in sweeps if len(points)]
+    thicknesses_m = [measure_thickness_m(_sampled(points)) for points in sweeps if len(points)]
     return bool(thicknesses_m) and float(np.median(thicknesses_m)) <= LEVEL_M
 
 
-def thickness(points: NDArray[np.floating]) -> float:
+def measure_thickness_m(points: NDArray[np.floating]) -> float:
     """Standard deviation in metres of points (n, 3) across the plane that fits them best.
 
     It is 1 for three points or fewer, which always lie in a plane.
@@ -83,7 +87,7 @@ def thickness(points: NDArray[np.floating]) -> float:
     return float(np.sqrt(variances)[0])
 
 
-def ground(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> float:
+def measure_ground_m(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> float:
     """Height z in metres of the ground under points (n, 3) at ranges (n,).
 
     It is where most points near the sensor have about the same z: the ground is flat, walls are
@@ -101,7 +105,7 @@ def ground(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> float:
     return float(np.median(z_m[np.abs(z_m - centre) <= 0.2]))
 
 
-def coverage(points: NDArray[np.float64]) -> float:
+def measure_coverage_deg(points: NDArray[np.float64]) -> float:
     """Degrees of azimuth with points (n, 3): 360 minus all gaps wider than WIDEST_GAP_DEG."""
     if not len(points):
         return 0.0

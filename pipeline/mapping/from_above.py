@@ -159,13 +159,13 @@ def scan_on_map(
     xy_m = transformed(world_T_scan, points_m)[:, :2]
     cells_m = np.unique(np.rint(xy_m / CELL_M), axis=0) * CELL_M
     axes.plot(*cells_m.T, ".", ms=2.2, mew=0, color=ink, rasterized=True)
-    heading(axes, world_T_scan, ink)
+    draw_heading(axes, world_T_scan, ink)
     x_m, y_m = world_T_scan[:2, 3]
     axes.set(xlim=(x_m - half_m, x_m + half_m), ylim=(y_m - half_m, y_m + half_m))
     axes.set(xticks=[], yticks=[], aspect="equal")
 
 
-def heading(axes: "Axes", world_T_robot: Poses, ink: str) -> None:
+def draw_heading(axes: "Axes", world_T_robot: Poses, ink: str) -> None:
     """Draw an arrow of 8 m at a robot (4, 4), along its heading."""
     start_m = world_T_robot[:2, 3] - 3.0 * world_T_robot[:2, 0]
     end_m = start_m + 8.0 * world_T_robot[:2, 0]

@@ -17,7 +17,7 @@ from pipeline.core.frames import Poses, step_lengths_m, travelled_m
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import PoseColumn, Scans, Submaps
 from pipeline.core.settings import NotNegative, Positive, checked
-from pipeline.mapping.appearance import appearance
+from pipeline.mapping.appearance import measure_appearance
 from pipeline.mapping.gathering import Gathering
 
 ROUNDING_M = 1e-9
@@ -163,7 +163,7 @@ def submaps(
     ground in the last scan's frame, and `left_out` the number of anchors without a submap, by
     reason. What the submaps look like is measured and added (`mapping.appearance`).
     """
-    appearance_measures = appearance(scans, layout, first, last, ground_m, used)
+    appearance_measures = measure_appearance(scans, layout, first, last, ground_m, used)
     return Submaps(
         first,
         last,

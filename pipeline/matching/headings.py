@@ -68,12 +68,12 @@ def nearest_heading(
         )
         squares += np.vecdot(block, block)[..., None]
         rows = slice(start, start + PLACES)
-        least_squares, nearest_headings[rows] = least(squares.swapaxes(0, 1))
+        least_squares, nearest_headings[rows] = least_by_heading(squares.swapaxes(0, 1))
         distances[rows] = np.sqrt(np.maximum(least_squares + query_squares, 0))
     return distances, nearest_headings
 
 
-def least(
+def least_by_heading(
     by_heading: Iterable[NDArray[np.float32]],
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """The least of the numbers (n, m) of all headings, and the first heading that has it."""

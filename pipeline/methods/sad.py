@@ -15,7 +15,7 @@ from pipeline.core.errors import InputError
 from pipeline.core.progress import Progress
 from pipeline.core.settings import Count, Positive, Side
 from pipeline.matching.database import Database, UntrainedMethod
-from pipeline.matching.headings import ReferenceHeadings, least, reference_headings
+from pipeline.matching.headings import ReferenceHeadings, least_by_heading, reference_headings
 from pipeline.matching.patches import differences, normalised, resized
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.matching.rejection import NoveltyEvidence
@@ -109,7 +109,7 @@ def nearest_differences(
     Queries are images (m, side, side), references images (n, heading, side, side). Of equally near
     headings the first counts. Returns the differences and the headings.
     """
-    return least(differences(images, queries) for images in references.swapaxes(0, 1))
+    return least_by_heading(differences(images, queries) for images in references.swapaxes(0, 1))
 
 
 def _check(views: Rows) -> None:

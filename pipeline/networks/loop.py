@@ -180,7 +180,7 @@ def fit(
             answers: Tensor = net(*inputs)
             return answers
 
-    def play(epoch: int) -> dict[str, float]:
+    def play_epoch(epoch: int) -> dict[str, float]:
         """Train for an epoch, and judge."""
 
         def rate(number: int) -> float:
@@ -205,7 +205,7 @@ def fit(
 
     activity = "train" if judge else "refit"
     curves = play_rounds(
-        net, {"adam": optimizer}, play, _most_accurate, epochs, seed, progress, activity
+        net, {"adam": optimizer}, play_epoch, _most_accurate, epochs, seed, progress, activity
     )
     columns = {f"curves/{name}": np.array(column) for name, column in curves.items()}
     return {"best_epoch": np.array(_most_accurate(curves)), **columns}

@@ -162,9 +162,9 @@ def read_uncertainty(path: str | Path) -> Uncertainty:
     path = Path(path)
     rows = log.read_table(path, nclt.COVARIANCE_COLUMNS, ",")
     rows = rows[np.isfinite(rows).all(axis=1)]
-    x, y, heading = rows[:, nclt.VARIANCE_COLUMNS].T
-    position = (x + y) / 2  # one variance for both axes
-    motion_variance = np.column_stack([position, heading])
+    x_m2, y_m2, heading_rad2 = rows[:, nclt.VARIANCE_COLUMNS].T
+    position_m2 = (x_m2 + y_m2) / 2  # one variance for both axes
+    motion_variance = np.column_stack([position_m2, heading_rad2])
     stamps_ns = log.to_nanoseconds(path, rows[:, 0], "µs", 1000)
     return Uncertainty(stamps_ns, np.cumsum(motion_variance, axis=0))
 
@@ -225,10 +225,12 @@ def read_packets(path: Path) -> Packets:
 def _find_packets(
     words: NDArray[np.uint16],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], np.int64]:
-    """Find the packets in a file's words."""
-    # Returns the index of the first word (packet,) and the number of the first hit (packet + 1,) of
-    # each packet, and the index of the word after the last whole packet. A packet is a header (see
-    # HEADER_WORDS), followed by HIT_WORDS for each hit.
+    """Find the packets in a file's words.
+
+    Returns the index of the first word (packet,) and the number of the first hit (packet + 1,) of
+    each packet, and the index of the word after the last whole packet. A packet is a header (see
+    HEADER_WORDS), followed by HIT_WORDS for each hit.
+    """
     starts = np.empty(len(words) // HEADER_WORDS + 1, np.int64)
     offsets = np.empty(len(words) // HEADER_WORDS + 1, np.int64)
     packet_count = np.int64(0)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipeline.core.errors import LogError
 from pipeline.core.frames import Poses, travelled_m
 from pipeline.core.progress import Progress
-from pipeline.mapping.appearance import ground
+from pipeline.mapping.appearance import measure_ground_m
 from pipeline.matching.shifts import Spectra
 from pipeline.posing.registration import Points
 from pipeline.posing.targets import GRAIN_M, Targets, thinned
@@ -153,5 +153,5 @@ def ground_m(log: Log, rows: Sequence[int] | NDArray[np.int64]) -> float:
         except LogError:
             continue
         if len(points_m):
-            heights_m.append(ground(points_m, np.hypot(points_m[:, 0], points_m[:, 1])))
+            heights_m.append(measure_ground_m(points_m, np.hypot(points_m[:, 0], points_m[:, 1])))
     return float(np.median(heights_m)) if heights_m else 0.0

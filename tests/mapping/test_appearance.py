@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.core.frames import pose
-from pipeline.mapping.appearance import appearance, is_level
+from pipeline.mapping.appearance import is_level, measure_appearance
 from tests.views.made import artifacts
 
 RNG = np.random.default_rng(0)
@@ -17,7 +17,7 @@ def looks(folder: Path, points: np.ndarray) -> dict[str, float]:
     poses = pose(np.arange(20)[:, None] * (1.0, 0, 0), np.zeros((20, 3)))
     scans, _ = artifacts(folder, [points] * 20, poses)
     rows = np.arange(20)
-    return appearance(scans, "world_T_scan", rows, rows, np.zeros(20), np.ones(20, bool))
+    return measure_appearance(scans, "world_T_scan", rows, rows, np.zeros(20), np.ones(20, bool))
 
 
 def test_an_open_square_with_a_wall(tmp_path: Path) -> None:

@@ -18,9 +18,9 @@ from pipeline.methods.pfl.adversarial import (
     ACCURACY,
     AdversarialMethod,
     _take_step,
-    health,
-    pixels,
+    measure_health,
     settle,
+    to_pixels,
 )
 from pipeline.methods.pfl.bigan import Decoder, Encoder, ImageDiscriminator, JointDiscriminator
 from pipeline.methods.pfl.game import OBJECTIVES, Game, Objective
@@ -160,7 +160,7 @@ def test_the_papers_encoder_and_decoder_take_one_step_down_the_sum_of_all_terms(
     assert set(turn.players) == {game.encoder, game.decoder}
     assert not turn.repeated
     weights = [game.encoder.dense.weight, game.decoder.dense.weight]
-    terms = turn.terms(pixels(DATA[:4], torch.device("cpu")), torch.randn(4, 6))
+    terms = turn.terms(to_pixels(DATA[:4], torch.device("cpu")), torch.randn(4, 6))
     assert terms.keys() == {"image_cycle", "code_cycle", "image_generator", "joint_generator"}
     slopes = [
         torch.stack(torch.autograd.grad(term, weights, retain_graph=True)[:1])
@@ -187,7 +187,7 @@ DATA = np.random.default_rng(0).integers(0, 256, (20, 64, 64)).astype(np.uint8)
 
 def looked_at(game: Game) -> dict[str, float]:
     with torch.inference_mode():
-        return health(game.encoder, game.decoder, pixels(DATA[:5], torch.device("cpu")))
+        return measure_health(game.encoder, game.decoder, to_pixels(DATA[:5], torch.device("cpu")))
 
 
 HOW = AdversarialMethod(
@@ -268,7 +268,7 @@ def test_a_collapse_is_seen() -> None:
     images = torch.tensor([[[[0.0]]], [[[1.0]]]])
     # Codes (0, 0) and (3, 4): 5 apart, variances 9/2 and 16/2. The decoder answers 1: squares of 1
     # and 0. Black is −1: squares of 1 and 2.
-    seen = health(
+    seen = measure_health(
         Fixed(lambda x: x.flatten(1) * torch.tensor([3.0, 4.0])),
         Fixed(lambda z: torch.ones(2, 1, 1, 1)),
         images,
@@ -276,7 +276,7 @@ def test_a_collapse_is_seen() -> None:
     assert seen == pytest.approx(
         {"validation_error": 0.5, "black_error": 2.5, "code_variance": 6.25, "code_distance": 5.0}
     )
-    collapsed = health(
+    collapsed = measure_health(
         Fixed(lambda x: torch.ones(2, 2)), Fixed(lambda z: torch.ones(2, 1, 1, 1)), images
     )
     assert collapsed["code_variance"] == collapsed["code_distance"] == 0
@@ -285,7 +285,7 @@ def test_a_collapse_is_seen() -> None:
 def test_running_statistics_are_those_of_what_was_seen() -> None:
     game = small(AFL)
     game.encoder(100 * torch.ones(4, 1, 64, 64))
-    images = pixels(DATA, torch.device("cpu"))
+    images = to_pixels(DATA, torch.device("cpu"))
     settle(game.encoder, game.decoder, images.split(10))
     convolution, norm = game.encoder.halvings[0]  # type: ignore[index, operator, union-attr]
     torch.testing.assert_close(
@@ -294,7 +294,7 @@ def test_running_statistics_are_those_of_what_was_seen() -> None:
 
 
 def test_pixels_run_from_minus_one_to_one() -> None:
-    assert pixels(np.array([[[0, 255]]], np.uint8), torch.device("cpu")).flatten().tolist() == [
+    assert to_pixels(np.array([[[0, 255]]], np.uint8), torch.device("cpu")).flatten().tolist() == [
         -1.0,
         1.0,
     ]

@@ -79,9 +79,9 @@ def test_a_few_turns_of_the_game_cost_on_a_gpu_what_they_cost_on_a_processor(
         game.to(torch.device(name))
 
         def judge(game: Any) -> dict[str, float]:
-            images = adversarial.pixels(adversarial.DATA[:5], torch.device(name))
+            images = adversarial.to_pixels(adversarial.DATA[:5], torch.device(name))
             with torch.inference_mode():
-                return adversarial.health(game.encoder, game.decoder, images)
+                return adversarial.measure_health(game.encoder, game.decoder, images)
 
         return adversarial.train(game, judge=judge, rounds=2)
 

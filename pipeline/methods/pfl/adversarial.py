@@ -5,7 +5,7 @@ the networks with the weights of the best round, and curves of all losses by rou
 
 1. for each batch of images, take one step of the optimiser of each network in turn;
 2. settle the batch norms' running statistics;
-3. judge the encoder and decoder on validation images (`health`, and how many places they
+3. judge the encoder and decoder on validation images (`measure_health`, and how many places they
    recognise);
 4. keep the weights if they are the best so far, and write a checkpoint.
 """
@@ -40,7 +40,7 @@ Health = dict[str, float]
 """Numbers by name that show, besides the losses, whether a training goes well."""
 
 
-def health(encoder: nn.Module, decoder: nn.Module, images: Tensor) -> Health:
+def measure_health(encoder: nn.Module, decoder: nn.Module, images: Tensor) -> Health:
     """Whether the networks work on validation images (n, 1, 64, 64), as numbers by name.
 
     - validation_error: mean squared error of the reconstructions.
@@ -83,7 +83,7 @@ def settle(encoder: nn.Module, decoder: nn.Module, batches: Iterable[Tensor]) ->
         layer.momentum = momentum
 
 
-def pixels(images: NDArray[np.uint8] | Tensor, torch_device: torch.device) -> Tensor:
+def to_pixels(images: NDArray[np.uint8] | Tensor, torch_device: torch.device) -> Tensor:
     """Bird-views (n, 64, 64) as networks take them: (n, 1, 64, 64) in [−1, 1]."""
     grey = torch.as_tensor(images).to(torch_device)[:, None].float()  # from 0 to 255
     return grey / 127.5 - 1
@@ -138,9 +138,7 @@ class AdversarialMethod(SequenceMethod):
         iterations: int,
         progress: Progress,
     ) -> dict[str, NDArray[np.float64]]:
-        """Train the game's networks on images (n, 64, 64).
-
-        Training takes `rounds` rounds of `iterations` batches each.
+        """Train the game's networks on images (n, 64, 64), in rounds of `iterations` batches each.
 
         Returns the mean of each loss term, and each number of the judge, by round. Afterwards the
         encoder and the decoder have the weights of the round that `kept` chooses: no loss of an
@@ -153,8 +151,8 @@ class AdversarialMethod(SequenceMethod):
         data = torch.from_numpy(images).to(torch_device)
         optimizers = self._optimizers(game)
 
-        def play(number: int) -> Health:
-            """Play a round, and judge."""
+        def play_round(number: int) -> Health:
+            """Play the round with this number, and judge."""
             batches = self._batches(len(data), iterations).to(torch_device)
 
             def rate(iteration: int) -> float:
@@ -166,7 +164,7 @@ class AdversarialMethod(SequenceMethod):
             settle(
                 game.encoder,
                 game.decoder,
-                (pixels(data[rows], torch_device) for rows in batches[:SETTLING_BATCHES]),
+                (to_pixels(data[rows], torch_device) for rows in batches[:SETTLING_BATCHES]),
             )
             game.eval()
             row = means | judge(game)
@@ -177,7 +175,7 @@ class AdversarialMethod(SequenceMethod):
         curves = loop.play_rounds(
             game,
             optimizers,
-            play,
+            play_round,
             self.kept_round,
             rounds,
             self.seed,
@@ -219,7 +217,7 @@ class AdversarialMethod(SequenceMethod):
         means: dict[str, Tensor] = {}
         game.train()
         for iteration, rows in enumerate(batches if self.epochs else ()):
-            real_images = pixels(data[rows], torch_device)
+            real_images = to_pixels(data[rows], torch_device)
             codes = to_device(torch.randn(self.batch, self.code), torch_device)
             for turn in ordered_turns:
                 with loop.autocast(torch_device, self.precision):
@@ -249,6 +247,7 @@ def _check_finite(row: Mapping[str, float], number: int) -> None:
 
 
 def _optimizer_name(turn: Turn) -> str:
+    """The name of a turn's optimiser in a checkpoint."""
     return f"adam/{turn.name}"
 
 

@@ -28,8 +28,8 @@ from pipeline.methods.pfl.adversarial import (
     SETTLING_BATCHES,
     AdversarialMethod,
     Health,
-    health,
-    pixels,
+    measure_health,
+    to_pixels,
 )
 from pipeline.methods.pfl.bigan import (
     SIDE,
@@ -132,7 +132,7 @@ class FeatureMethod(AdversarialMethod, ABC):
     ) -> Callable[[Game], Health]:
         """Make a round's judge: recognised validation rows, and health on `sample` (n, 64, 64)."""
         encode = _batched(game.encoder)
-        validation = pixels(sample, device())
+        validation = to_pixels(sample, device())
         headings = reference_headings(images.shape[1], self.reference_headings)
 
         def difference(rows: NDArray[np.int64], queries: NDArray[np.int64]) -> NDArray[np.float32]:
@@ -145,7 +145,10 @@ class FeatureMethod(AdversarialMethod, ABC):
         @torch.inference_mode()
         def judge(game: Game) -> Health:
             right = self.evidence(database, views, difference).right
-            return {ACCURACY: float(right.mean()), **health(game.encoder, game.decoder, validation)}
+            return {
+                ACCURACY: float(right.mean()),
+                **measure_health(game.encoder, game.decoder, validation),
+            }
 
         return judge
 
@@ -256,7 +259,7 @@ def _batched(net: Callable[[Tensor], Tensor]) -> Callable[[NDArray[np.uint8]], N
         data = torch.as_tensor(images).to(device())
         answers = []
         for start in range(0, max(len(images), 1), AT_ONCE):
-            answers.append(net(pixels(data[start : start + AT_ONCE], device())).float())
+            answers.append(net(to_pixels(data[start : start + AT_ONCE], device())).float())
         return torch.cat(answers).cpu().numpy()
 
     return answer

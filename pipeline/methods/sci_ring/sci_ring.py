@@ -184,7 +184,7 @@ class SciRing(Learner):
     def positions(
         self, places_m: NDArray[np.float64], most_similar_m: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """World positions (n, k, 2) of the answers.
+        """World positions (n, k, 2) in metres of the answers.
 
         The first answer has the position of the query's most similar training view, the others have
         the mean positions of their places.

@@ -16,7 +16,7 @@ from pipeline.core.errors import ArtifactError
 from pipeline.core.schemas import Fixes
 from pipeline.evaluation.calibration import reliability
 from pipeline.evaluation.failures import JudgedFix, failures, of_drive
-from pipeline.mapping.from_above import INKS, heading, scan_on_map
+from pipeline.mapping.from_above import INKS, draw_heading, scan_on_map
 from pipeline.report.figures.panels import WRONG_RED, calibration, facets, in_corner
 from pipeline.report.figures.style import MARK, QUIET, WIDTH_IN, below, dot, styled
 from pipeline.report.result import Result
@@ -129,7 +129,7 @@ def _cards(study: StudyResults, model: str, failed: Sequence[JudgedFix]) -> Figu
     for axis, fix in panels:
         ink = INKS[fix.accepted]
         scan_on_map(axis, study.footprint, fix.standing_m(), fix.world_T_found, ink, SHOWN_M)
-        heading(axis, fix.world_T_true, "black")
+        draw_heading(axis, fix.world_T_true, "black")
         verdict = "accepted" if fix.accepted else "refused"
         axis.set_title(f"{fix.name}: {verdict}, {fix.off[0]:.1f} m off", size=7, pad=3)
         axis.spines[:].set(visible=True, color=QUIET)
