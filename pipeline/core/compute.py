@@ -35,8 +35,8 @@ Run = Callable[[Block, Sequence[Span]], Iterator[Any]]
 class Compute:
     """Computes blocks of rows; results and their order are the same in every mode.
 
-    Within a `with` block the workers serve all calls and end with the block. Without one, each call
-    starts workers of its own.
+    Inside a `with` statement the workers serve all calls, and end when the statement ends. Without
+    a `with` statement, each call starts workers of its own.
     """
 
     scheduler: Literal["threads", "processes", "local", "cluster", "slurm", "kubernetes"] = (
@@ -85,7 +85,7 @@ class Compute:
         return self.rows(lambda start, _: fn(items[start]), len(items), 1)
 
     def one_by_one_in_threads(self) -> Self:
-        """The same compute, but with one block at a time in mode `threads`.
+        """This compute; if its mode is `threads`, it is limited to one worker.
 
         It is for blocks that use libraries with settings of the whole process, such as torch.
         """

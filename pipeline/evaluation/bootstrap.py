@@ -1,4 +1,4 @@
-"""95 % intervals by a block bootstrap: how far a number moves with other stretches of the streets.
+"""95 % intervals by a block bootstrap: how much a number would change on other streets.
 
 In: a function that computes numbers from weighted queries, and where the queries lie. Out: the
 lowest and highest value of each number. The steps:
@@ -22,7 +22,7 @@ from pipeline.core.settings import Count, Positive, Seed, checked
 BOUNDS = (2.5, 97.5)
 """Percentiles."""
 CHUNK = 1 << 17
-"""Weights that are computed with at once: 1 MB of float64, however many queries there are."""
+"""The number of weights held in memory at a time: 1 MB of float64."""
 Numbers = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Computes m numbers (m, r) from the weights (r, q) of q queries in r resamples."""
 
@@ -45,7 +45,7 @@ class Bootstrap:
     """Resamples blocks of the path, not queries, since errors of neighbouring queries come in runs.
 
     A number that is the same in all resamples, such as a recall of 1, has an interval of no width:
-    the path holds no evidence of how it might fail.
+    the path holds no query on which the method fails.
     """
 
     block_m: Positive = 50.0
@@ -59,7 +59,7 @@ class Bootstrap:
         Resamples in which a number is undefined (NaN) are left out. Its bounds are NaN if it is
         undefined on the path itself, and if the path has a single block.
         """
-        resampled = self.spreads(numbers, xy_m)
+        resampled = self.resampled_values(numbers, xy_m)
         return np.array([bounds(values) for values in resampled], np.float64).reshape(-1, 2)
 
     def estimates(self, numbers: Numbers, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -68,7 +68,9 @@ class Bootstrap:
             [numbers(np.ones((1, len(xy_m)))), self.intervals(numbers, xy_m)], axis=1
         )
 
-    def spreads(self, numbers: Numbers, xy_m: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    def resampled_values(
+        self, numbers: Numbers, xy_m: NDArray[np.float64]
+    ) -> list[NDArray[np.float64]]:
         """The values of each of m numbers in the resamples that define it.
 
         Empty for a number whose bounds are NaN (see `intervals`).

@@ -90,7 +90,7 @@ def compare(
 
     # The differences on the path itself, then in the resamples alone.
     values = compared_differences(np.ones((1, len(method.xy_m))))[:, 0].tolist()
-    resampled_differences = bootstrap.spreads(compared_differences, method.xy_m)
+    resampled_differences = bootstrap.resampled_values(compared_differences, method.xy_m)
     path_blocks = blocks(method.xy_m, bootstrap.block_m)
     seen_block_count = len(np.unique(path_blocks[method_ground_truth.seen]))
     return Comparison(

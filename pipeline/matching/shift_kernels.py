@@ -46,8 +46,9 @@ def _bit_count(context, word):  # type: ignore[no-untyped-def]
 def multiply_spectra(columns, factors, rows, out_spectra):  # type: ignore[no-untyped-def]
     """Write to `out_spectra` (m, frequency) the correlations' spectra of m `rows` with a query.
 
-    `columns` (n, frequency, 2 rings) are the database's spectra. They are multiplied by the query's
-    `factors` (frequency, 2, 2 rings) for the real and the imaginary part of the result. Sums have
+    `columns` (n, frequency, 2·rings) are the database's spectra: the real parts of all rings, then
+    the imaginary parts. They are multiplied by the query's `factors` (frequency, 2, 2·rings):
+    factors[f, 0] gives the real part of the product, factors[f, 1] the imaginary part. Sums have
     the type of the factors. Four rows are processed together, so that the factors are read once for
     all four; the last group is filled up with the last row.
     """
@@ -108,9 +109,9 @@ def best_shifts(  # type: ignore[no-untyped-def]
     A shift is a number of columns.
 
     `sums` (m, shift) are sums of cosines, `masks` (m, words) and `shifted_masks` (shift, words) the
-    bit sets of the rows and the query. A shift counts if it shares at least the share
-    `least_engaged` of the most columns that any shift shares. If no shift shares a column, the
-    similarity is 0 and the shift −1.
+    bit sets of the rows and the query. A shift is valid if its count of shared columns is at least
+    the fraction `least_engaged` of the largest count over all shifts. If no shift shares a column,
+    the similarity is 0 and the shift −1.
     """
     counts = np.empty(sums.shape[1], np.float32)
     for i in range(len(sums)):

@@ -237,12 +237,13 @@ class FixEvidence(Generic[FixT_co]):
         is rejected.
 
         1. Take the largest error probability at which the evidence reaches the target precision,
-           even if one more accepted query had been wrong: so a target precision of .99 takes 99
-           independent accepted queries. This bounds the risk of a further query, as in conformal
-           prediction (Angelopoulos et al., Conformal Risk Control, ICLR 2024). If no error
-           probability reaches the target precision, accept nothing.
-        2. Move the threshold to the middle, in log-odds, of the gap before the next query, which
-           would break the target precision.
+           with one extra accepted query counted as wrong. So even without a mistake a target
+           precision of .99 takes 99 independent accepted queries (99 of 100). This bounds the risk
+           of a further query, as in conformal prediction (Angelopoulos et al., Conformal Risk
+           Control, ICLR 2024). If no error probability reaches the target precision, accept
+           nothing.
+        2. Move the threshold to the middle, in log-odds, of the gap to the next larger error
+           probability among the queries, which would miss the target precision.
         3. Limit it to `largest_multiple` times one minus the target precision: if claims of much
            larger error probabilities are accepted, a later day may miss the target precision.
         """

@@ -17,9 +17,8 @@ from pipeline.evaluation.numbers import average, deviation
 from pipeline.evaluation.rows import PERTURBED, STRESS, UNPERTURBED, WITH_SHADOW
 from pipeline.studies.colours import method_of
 
-# By how much another seed may change the metrics of a model with one seed: means over a simulated
-# year of three seeds deviate by .003 to .016 for SCI trained with one or two headings and for its
-# ring.
+# Assumed standard deviation over seeds for a model with one seed. Where there are three seeds (SCI
+# and its ring, means over a simulated year) it is .003 to .016.
 ONE_SEED = 0.02
 # The columns that say which metric a row holds, of which model and kind of queries (`case`), and
 # which of its repetitions.
@@ -87,6 +86,7 @@ RECALL_BY_DISTANCE = Measure("distance", "recall_at_1", "recall@1 by distance")
 AUROC_BY_DISTANCE = Measure("distance", "auroc", "AUROC by distance")
 HEADING_ERROR = Measure("distance", "median_heading_error_deg", "heading error [°]", 1)
 WITHIN = Measure("distance", "heading_within_10deg", "within 10°")
+# What a `Comparison` holds; figures read AUC_5 and AUC_25 from the scores themselves.
 MEASURES = (
     AUC,
     RECALL,
@@ -172,7 +172,7 @@ class Comparison:
         self._no_values = np.full(shape, np.nan)
 
     def ways(self) -> dict[int, str]:
-        """The models of N-way training, of the method that has most of them: N to model, ascending.
+        """For the method with the most N-way models: its models by N, in ascending order.
 
         N is the number of rotated copies of each training scan.
         """

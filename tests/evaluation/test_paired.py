@@ -101,7 +101,7 @@ def test_p_is_twice_the_smaller_share_of_resamples_and_never_zero() -> None:
             weight @ (evaluation.cells.true_rank == 0) / (weight @ evaluation.cells.seen)
         )
 
-    (spread,) = BOOTSTRAP.spreads(
+    (spread,) = BOOTSTRAP.resampled_values(
         lambda weight: (recall(this, weight) - recall(other, weight))[None], XY_M
     )
     assert p == pytest.approx(

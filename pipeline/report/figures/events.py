@@ -1,7 +1,8 @@
-"""Each model's metrics over the distance to the nearest real change: a building up or down.
+"""Each model's metrics over the distance to the nearest change: a building built or torn down.
 
 In: rows of the table of results, which are of queries near a change that shows, or near one that
-is still to come. Out: one figure, with both beside each other in each band of distance.
+is still to come. Out: one figure; in each band of distance the metrics near changes that show and
+near changes to come stand side by side.
 """
 
 from collections.abc import Mapping, Sequence
@@ -57,10 +58,11 @@ def by_distance(
             unseen = over_bands(when, models[0], protocol, "unseen")[:, 0]
             for axis, (model, tint) in zip(panels, shades.items(), strict=True):
                 is_shown = when == SHOWN
-                for band, number in enumerate(over_bands(when, model, protocol, name)):
+                for band, interval in enumerate(over_bands(when, model, protocol, name)):
                     alpha = PALE if seen[band] < least_queries else 1.0
                     ink = tint if is_shown else LATER
-                    draw_dots(axis, [band + offset], number, ink, is_filled=is_shown, alpha=alpha)
+                    draw_dots(axis, [band + offset], interval, ink, is_filled=is_shown, alpha=alpha)
+            # recall is of the seen queries, an AUC of all
             queries = seen if name == "recall_at_1" else seen + unseen
             middle = np.arange(len(bands)) + 1.4 * offset
             bars = counts.bar(middle, queries, 2 * OFFSET, color=grey)

@@ -37,7 +37,7 @@ STEP_M = 0.05
 STEP_DEG = 0.1
 NOVELTY_STEPS = 30_000  # from 0 to the largest novelty
 # What an answer is, as map.js reads it; ACCEPTED is added to the code of an accepted one.
-NOT_JUDGED = 3  # beside RIGHT, WRONG and UNSEEN
+NOT_JUDGED = 3  # after the codes RIGHT, WRONG and UNSEEN of figures/maps.py
 ACCEPTED = 4
 MOST_RANKS = 120  # ranks of the true place beyond this are cut, to fit into a byte
 
@@ -45,8 +45,8 @@ MOST_RANKS = 120  # ranks of the true place beyond this are cut, to fit into a b
 def chart(study: StudyResults) -> dict[str, Any]:
     """All data of a study's map.
 
-    It has no views if no model looks at Scan Contexts, and no footprint and points if the scans are
-    not here.
+    It has no views if no model takes Scan Contexts or their files are missing, and no footprint and
+    points if the scans are missing.
     """
     views_of = ((model, Views.read(study, model, *study.train.split())) for model in study.models)
     view_model, train = next(((model, views) for model, views in views_of if views), ("", None))
@@ -238,7 +238,10 @@ def _acceptance_code(evaluation: Evaluation) -> NDArray[np.int64]:
 
 
 def _kept_queries(acceptance: Mapping[str, NDArray[np.bool_]], most: int) -> NDArray[np.int64]:
-    """The queries of a day to keep: all wrongly accepted, some wrongly refused, others evenly."""
+    """The queries of a day to keep.
+
+    All wrong answers that were accepted, some wrong answers that were refused, and others evenly.
+    """
     wrong = np.flatnonzero(acceptance["accepted_wrong"])
     refused = np.flatnonzero(acceptance["refused_wrong"])
     refused = refused[:: max(math.ceil(3 * len(refused) / most), 1)]  # a third of the room
@@ -248,7 +251,7 @@ def _kept_queries(acceptance: Mapping[str, NDArray[np.bool_]], most: int) -> NDA
 
 
 def _scans(study: StudyResults, sequence: str, rows: NDArray[np.int64]) -> dict[str, Any] | None:
-    """The points of some submaps of a drive; None if its scans are not here."""
+    """The points of some submaps of a drive; None if its scans are missing."""
     try:
         drive = study.drive(sequence)
     except ArtifactError:
