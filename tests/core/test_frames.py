@@ -7,6 +7,7 @@ from pipeline.core.errors import InputError
 from pipeline.core.frames import (
     Trajectory,
     days_between,
+    distance_and_turn,
     flip_ned,
     pose,
     rpy,
@@ -139,3 +140,10 @@ def test_days_are_counted_on_the_calendar() -> None:
     end = 1326585601 * SECOND
     spans = ((start, end), (end, start), (start, start))
     assert [days_between(*span) for span in spans] == [7, -7, 0]
+
+
+def test_a_turn_from_a_missing_pose_is_nan_of_one_sign() -> None:
+    missing = np.full((1, 4, 4), np.nan)
+    _, turns_deg = distance_and_turn(missing, np.eye(4)[None])
+    assert np.isnan(turns_deg).all()
+    assert not np.signbit(turns_deg).any()  # arccos(NaN) has the sign that a processor chooses
