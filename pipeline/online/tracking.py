@@ -179,7 +179,3 @@ class Tracker:
             accepted_at=max(met_precisions, default=None),
             covariance=covariance,
         )
-
-
-LevelTracker = Tracker
-"""An earlier name of the tracker for level sites."""
