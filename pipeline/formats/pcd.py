@@ -10,25 +10,27 @@ order, and DATA last). The points follow in one of three forms, which DATA names
 VIEWPOINT is ignored: the yaml of the data set says where the sensor sits.
 """
 
+import io
+import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
+from pipeline.formats import records
+from pipeline.formats.records import AXES, HEADER_BYTES, Column, Summary
 
-HEADER_BYTES = 65_536
-"""Limit for the header, which usually has a few hundred bytes.
-
-A file without a DATA line within this limit is not a PCD.
-"""
+MOST_UNPACKED_BYTES = 2**31
+"""Limit for the points of a compressed map, which are unpacked at once."""
 MAX_EXPANSION = 88
 """Largest expansion of LZF: three bytes encode at most 264."""
 SIZES_BYTES = 8
 """Two 32-bit numbers before a compressed block: its packed and its unpacked bytes."""
-AXES = ("x", "y", "z")
 KINDS = {"F": "f", "I": "i", "U": "u"}
 """numpy's letter for a kind of number, by the letter of TYPE: float, signed, unsigned."""
 
@@ -50,11 +52,27 @@ class Header:
     end: int
     """Index of the first byte after the header."""
 
-    def axes(self) -> list[int]:
-        """The indices of the fields x, y and z."""
-        return [self.fields.index(axis) for axis in AXES]
+    def record_bytes(self) -> int:
+        """The size of a point, in bytes."""
+        return sum(self._field_bytes())
 
-    def field_bytes(self) -> list[int]:
+    def ascii_columns(self) -> list[int]:
+        """The indices of x, y and z among the numbers of a line."""
+        return [sum(self.counts[: self.fields.index(axis)]) for axis in AXES]
+
+    def columns(self, is_interleaved: bool) -> list[Column]:
+        """The numbers of x, y and z; a point's fields are together (interleaved), or apart."""
+        sizes = self._field_bytes()
+        columns = []
+        for axis in AXES:
+            field = self.fields.index(axis)
+            offset = sum(sizes[:field])
+            start = offset if is_interleaved else offset * self.points
+            step = sum(sizes) if is_interleaved else sizes[field]
+            columns.append(Column(self.types[field], start, step))
+        return columns
+
+    def _field_bytes(self) -> list[int]:
         """The size of each field in a point's record, in bytes."""
         return [
             np.dtype(kind).itemsize * count
@@ -68,24 +86,38 @@ def decode(data: bytes, path: Path, max_bytes: int) -> NDArray[np.float64]:
     Raises LogError, which names `path`, for a file that is not PCD 0.7, is cut short, or would
     unpack to more than `max_bytes` bytes.
     """
-    header = parse(data, path)
-    body = memoryview(data)[header.end :]
-    if header.data == "ascii":
-        return _ascii(header, bytes(body), path)
-    if header.data == "binary":
-        _refuse_wrong_size(path, header, len(body))
-        return _xyz(header, body, is_interleaved=True)
-    return _xyz(header, _unpacked(path, header, body, max_bytes), is_interleaved=False)
+    blocks = list(_blocks(io.BytesIO(data), len(data), path, sys.maxsize, max_bytes))
+    return blocks[0] if blocks else np.empty((0, 3))
+
+
+def blocks(path: Path, most_points: int) -> Iterator[NDArray[np.float64]]:
+    """The points of a PCD on disk in blocks (n, 3) of at most `most_points`, as of `decode`.
+
+    One block is in memory at a time, of binary_compressed the whole file. Raises LogError like
+    `decode`, for a damaged file maybe after some blocks.
+    """
+    with path.open("rb") as file:
+        yield from _blocks(file, path.stat().st_size, path, most_points, MOST_UNPACKED_BYTES)
+
+
+def summary(path: Path) -> Summary:
+    """What the header of a PCD on disk says; raises LogError naming the wrong line."""
+    with path.open("rb") as file:
+        header = parse(file.read(HEADER_BYTES), path)
+    return Summary(header.points, records.is_float32(header.columns(is_interleaved=True)))
 
 
 def encode(points_m: NDArray[np.floating]) -> bytes:
     """A binary PCD of points (n, 3) in metres, stored as 32-bit floats."""
-    count = len(points_m)
-    header = (
+    return encode_header(len(points_m)) + np.ascontiguousarray(points_m, "<f4").tobytes()
+
+
+def encode_header(count: int) -> bytes:
+    """The header of a binary PCD; `count` points of three little-endian 32-bit floats follow."""
+    return (
         "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
         f"WIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\nDATA binary\n"
-    )
-    return header.encode() + np.ascontiguousarray(points_m, "<f4").tobytes()
+    ).encode()
 
 
 def parse(data: bytes, path: Path) -> Header:
@@ -117,7 +149,8 @@ def parse(data: bytes, path: Path) -> Header:
             "damaged"
         )
     types = tuple(_type(path, kind, size) for kind, size in zip(kinds, sizes, strict=True))
-    if any(fields.count(axis) != 1 or counts[fields.index(axis)] != 1 for axis in AXES):
+    records.refuse_other_fields(path, fields)
+    if any(counts[fields.index(axis)] != 1 for axis in AXES):
         raise LogError(f"{path}: its fields are {' '.join(fields)}; expected x, y and z, once each")
     # POINTS repeats WIDTH × HEIGHT, which some writers leave at 0
     if "POINTS" in entries or not {"WIDTH", "HEIGHT"} <= entries.keys():
@@ -130,6 +163,31 @@ def parse(data: bytes, path: Path) -> Header:
     return Header(
         fields=fields, types=types, counts=tuple(counts), points=points, data=form, end=end
     )
+
+
+def _blocks(
+    file: BinaryIO, file_bytes: int, path: Path, most_points: int, max_bytes: int
+) -> Iterator[NDArray[np.float64]]:
+    """Blocks (n, 3) of the points of a file, which is read from its start."""
+    header = parse(file.read(HEADER_BYTES), path)
+    file.seek(header.end)
+    if header.data == "ascii":
+        rows = records.lines(file)
+        yield from records.from_lines(
+            rows, path, header.ascii_columns(), sum(header.counts), header.points, most_points
+        )
+        records.refuse_more_lines(rows, path, header.points)
+    elif header.data == "binary":
+        _refuse_wrong_size(path, header, file_bytes - header.end)
+        columns = header.columns(is_interleaved=True)
+        yield from records.from_records(file, path, columns, header.points, most_points)
+    else:
+        unpacked = _unpacked(path, header, memoryview(file.read()), max_bytes)
+        columns = header.columns(is_interleaved=False)
+        for first in range(0, header.points, most_points):
+            block = np.empty((min(most_points, header.points - first), 3))
+            records.fill(block, unpacked, columns, first)
+            yield block
 
 
 def _type(path: Path, kind: str, size: str) -> str:
@@ -160,35 +218,12 @@ def _numbers(path: Path, key: str, words: list[str]) -> list[int]:
 
 def _refuse_wrong_size(path: Path, header: Header, nbytes: int) -> None:
     """Raise LogError unless `nbytes` is the size of all points by the header."""
-    expected_bytes = sum(header.field_bytes()) * header.points
+    expected_bytes = header.record_bytes() * header.points
     if nbytes != expected_bytes:
         raise LogError(
             f"{path}: {nbytes} bytes of points, {expected_bytes} for the {header.points} points of "
             "its header; it is damaged"
         )
-
-
-def _ascii(header: Header, body: bytes, path: Path) -> NDArray[np.float64]:
-    """Points (n, 3) from lines of numbers."""
-    first_columns = np.cumsum([0, *header.counts])
-    column_count = first_columns[-1]
-    lines = [line for line in body.decode("ascii", "replace").splitlines() if line.strip()]
-    if len(lines) != header.points:
-        raise LogError(
-            f"{path}: {len(lines)} lines of points for the {header.points} points of its header; "
-            "it is damaged"
-        )
-    if not lines:
-        return np.empty((0, 3))
-    try:
-        rows = np.loadtxt(lines, ndmin=2, comments=None)
-    except ValueError as error:
-        raise LogError(
-            f"{path}: points are lines of {column_count} numbers; {str(error).splitlines()[0]}"
-        ) from None
-    if rows.shape[1] != column_count:
-        raise LogError(f"{path}: a point has {rows.shape[1]} numbers, {column_count} by its header")
-    return rows[:, first_columns[header.axes()]]
 
 
 def _unpacked(path: Path, header: Header, body: memoryview, max_bytes: int) -> NDArray[np.uint8]:
@@ -204,34 +239,20 @@ def _unpacked(path: Path, header: Header, body: memoryview, max_bytes: int) -> N
             f"{path}: declares {packed_bytes} compressed bytes, {len(body) - SIZES_BYTES} follow; "
             "the file is damaged"
         )
-    if unpacked_bytes > min(MAX_EXPANSION * packed_bytes, max_bytes):
+    if unpacked_bytes > MAX_EXPANSION * packed_bytes:
         raise LogError(
             f"{path}: claims that {packed_bytes} compressed bytes hold {unpacked_bytes}; the file "
             "is damaged"
+        )
+    if unpacked_bytes > max_bytes:
+        raise LogError(
+            f"{path}: unpacks to {unpacked_bytes} bytes, at most {max_bytes} are; save it as "
+            "DATA binary"
         )
     unpacked = np.empty(unpacked_bytes, np.uint8)
     if not _lzf(np.frombuffer(body[SIZES_BYTES:block_end], np.uint8), unpacked):
         raise LogError(f"{path}: its compressed block is damaged")
     return unpacked
-
-
-def _xyz(
-    header: Header, data: memoryview | NDArray[np.uint8], is_interleaved: bool
-) -> NDArray[np.float64]:
-    """Points (n, 3) from data with the fields of a point together (interleaved), or apart."""
-    points = header.points
-    xyz = np.empty((points, 3))
-    if not points:
-        return xyz
-    sizes = header.field_bytes()
-    for axis, field in enumerate(header.axes()):
-        offset = sum(sizes[:field])
-        start = offset if is_interleaved else offset * points
-        step = sum(sizes) if is_interleaved else sizes[field]
-        xyz[:, axis] = np.ndarray(
-            points, header.types[field], buffer=data, offset=start, strides=(step,)
-        )
-    return xyz
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

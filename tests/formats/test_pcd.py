@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
-from pipeline.formats import pcd
+from pipeline.formats import pcd, records
 from tests.readers.damage import one_line
 
 PATH = Path("scan.pcd")
@@ -217,3 +217,60 @@ def test_real_key_frames_of_nclt_are_read(real: Path) -> None:
     assert 498 <= counts.min() <= counts.max() <= 5435
     assert 2800 < np.median(counts) < 3600
     assert -1.0 < np.median([np.percentile(cloud[:, 2], 10) for cloud in clouds]) < -0.6
+
+
+def blocks(folder: Path, data: bytes | str, most_points: int) -> list[NDArray[np.float64]]:
+    path = folder / "city.pcd"
+    path.write_bytes(data if isinstance(data, bytes) else data.encode())
+    return list(pcd.blocks(path, most_points))
+
+
+@pytest.mark.parametrize("data", ["ascii", "binary", "binary_compressed"])
+def test_a_map_is_read_block_by_block(tmp_path: Path, data: str) -> None:
+    points = np.arange(21, dtype=np.float32).reshape(7, 3)
+    found = blocks(tmp_path, written(points, data), 3)
+    assert [len(block) for block in found] == [3, 3, 1]
+    np.testing.assert_array_equal(np.concatenate(found), points)
+    assert blocks(tmp_path, written(points[:0], data), 3) == []
+
+
+def test_doubles_in_utm_keep_their_millimetres(tmp_path: Path) -> None:
+    # as a 32-bit float the northing would be a multiple of .5
+    point = [690_000.001, 5_336_000.251, 519.503]
+    head = header("binary", "x y z", "8 8 8", "F F F", "1 1 1", 1)
+    (found,) = blocks(tmp_path, head.encode() + struct.pack("<3d", *point), 9)
+    np.testing.assert_array_equal(found, [point])
+    assert not pcd.summary(tmp_path / "city.pcd").is_float32
+    head = header("ascii", "x y z", "8 8 8", "F F F", "1 1 1", 1)
+    (found,) = blocks(tmp_path, f"{head}{point[0]} {point[1]} {point[2]}\n", 9)
+    np.testing.assert_array_equal(found, [point])
+
+
+def test_records_larger_than_a_piece_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # 16 bytes a record: pieces of 40 bytes hold two records, pieces of 8 none, so one is read.
+    points = np.arange(15, dtype=np.float32).reshape(5, 3)
+    for piece_bytes in (40, 8):
+        monkeypatch.setattr(records, "PIECE_BYTES", piece_bytes)
+        (found,) = blocks(tmp_path, written(points, "binary"), 5)
+        np.testing.assert_array_equal(found, points)
+
+
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        (ASCII + "7 8 9\n", "3 lines of points for the 2 points"),
+        (ASCII[:-6], "1 lines of points for the 2 points"),
+        (BINARY[:-1], "23 bytes of points, 24 for the 2 points"),
+        (ZEROS[:-1], "the file is damaged"),
+    ],
+)
+def test_a_damaged_map_raises_the_same_errors(tmp_path: Path, data: bytes | str, says: str) -> None:
+    with one_line(LogError, f"^{tmp_path}/city.pcd: .*{says}"):
+        blocks(tmp_path, data, 1)
+
+
+def test_a_compressed_map_beyond_the_limit_says_how_to_save_it() -> None:
+    with one_line(LogError, "unpacks to 24 bytes, at most 23 are; save it as DATA binary"):
+        pcd.decode(ZEROS, PATH, 23)
