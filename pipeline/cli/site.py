@@ -5,8 +5,9 @@ map of a building for a level laser. An export is a site's network as ONNX, or a
 through ONNX.
 """
 
+import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,6 +16,15 @@ from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Bar
 from pipeline.cli.project import conf_folder, named_model
 from pipeline.core.errors import ConfigError
+
+if TYPE_CHECKING:  # at run time it would slow the start of every command
+    from pipeline.online.map_pack import MapOptions
+
+MOST_LIKE = 10
+"""Largest number of scans that tell the sensor."""
+LEAST_CELL_M = 0.1
+MOST_CELL_M = 1.0
+"""Bounds of the distance of the points that a site keeps of a 3-D map."""
 
 
 def pack(
@@ -28,27 +38,83 @@ def pack(
             help="A model of a study, such as campus/10m/sci_ring; a variant is METHOD-VARIANT",
         ),
     ] = None,
-    level_map: Annotated[
-        Path | None,
+    maps: Annotated[
+        list[Path] | None,
         typer.Option(
-            "--map", metavar="MAP.yaml", help="Pack a Nav2 map for a level laser, not a model"
+            "--map",
+            metavar="MAP",
+            help="Pack a map instead of a model: a 3-D map (.pcd .ply .las .laz, a folder of "
+            "tiles; several with several --map), or a Nav2 map MAP.yaml for a level laser",
+        ),
+    ] = None,
+    like: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="SCAN",
+            help="With a 3-D map: a scan of your robot in the vehicle's frame, which tells its "
+            "sensor and whether its ground is cut off; may be given up to ten times",
+        ),
+    ] = None,
+    cell: Annotated[
+        float | None,
+        typer.Option(metavar="M", help="With a 3-D map: keep one point in each M metres [0.4]"),
+    ] = None,
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="With a 3-D map: the position in it that becomes the site's origin, in metres",
         ),
     ] = None,
 ) -> None:
-    """Pack a model and its map into one site file, with all that localisation needs."""
-    from pipeline.online.level_pack import pack_map
+    """Pack a model, or a map that you have, into one site file with all that localisation needs."""
+    from pipeline.formats import autoware
+    from pipeline.online.level_pack import pack_map as pack_level_map
+    from pipeline.online.map_pack import pack_map
     from pipeline.online.pack import Packing, Trained
     from pipeline.studies.layout import Layout
 
-    only_one({"STUDY/GRID/METHOD": name, "map": level_map})
+    only_one({"STUDY/GRID/METHOD": name, "map": maps})
     check_file(out)
-    if level_map is not None:
-        print(pack_map(level_map, out))
-        return
-    if name is None:
-        raise ConfigError("pack: expected STUDY/GRID/METHOD, or --map MAP.yaml")
-    model = Trained.of_study(Layout(), *named_model(name))
-    print(Packing(conf_folder()).pack(model, out, Bar()))
+    yamls = [path for path in maps or [] if path.suffix in (".yaml", ".yml")]
+    is_level = any(not path.is_file() or not autoware.read_metadata(path) for path in yamls)
+    if (is_level or not maps) and (like or cell is not None or origin is not None):
+        raise ConfigError("--like, --cell and --origin are for a 3-D map: --map city.pcd")
+    if maps and is_level:
+        if len(maps) > 1:
+            raise ConfigError(f"--map {maps[1]}: a level site has one Nav2 map, {maps[0]}")
+        print(pack_level_map(maps[0], out))
+    elif maps:
+        for line in pack_map(maps, out, map_options(like or [], cell, origin), Bar()):
+            print(line)
+    elif name is None:
+        raise ConfigError("pack: expected STUDY/GRID/METHOD, or --map MAP")
+    else:
+        model = Trained.of_study(Layout(), *named_model(name))
+        print(Packing(conf_folder()).pack(model, out, Bar()))
+
+
+def map_options(like: list[Path], cell_m: float | None, origin: str | None) -> "MapOptions":
+    """The options of a 3-D map; raises ConfigError for values that cannot be."""
+    from pipeline.online.inputs import points_of_file
+    from pipeline.online.map_pack import VOXEL_M, MapOptions
+    from pipeline.online.site import finite
+
+    if len(like) > MOST_LIKE:
+        raise ConfigError(f"--like: {len(like)} scans; expected at most {MOST_LIKE}")
+    if cell_m is not None and not LEAST_CELL_M <= cell_m <= MOST_CELL_M:
+        raise ConfigError(f"--cell {cell_m:g}: expected {LEAST_CELL_M} to {MOST_CELL_M} metres")
+    origin_m = (0.0, 0.0, 0.0)
+    if origin is not None:
+        try:
+            x_m, y_m, z_m = (float(word) for word in origin.split(","))
+        except ValueError:
+            raise ConfigError(f"--origin {origin:.60}: expected X,Y,Z in metres") from None
+        if not all(map(math.isfinite, (x_m, y_m, z_m))):
+            raise ConfigError(f"--origin {origin:.60}: expected finite numbers")
+        origin_m = (x_m, y_m, z_m)
+    scans = tuple(finite(points_of_file(path)) for path in like)
+    return MapOptions(origin_m, VOXEL_M if cell_m is None else cell_m, scans)
 
 
 def export(

@@ -237,6 +237,21 @@ class ScanContextViews(Views, kind="views", version=2):
 
 
 @dataclass(frozen=True, eq=False)
+class WallViews(Views, kind="walls", version=1):
+    """Walls around the robot, drawn from above, and the space that its sensor saw through."""
+
+    images: Annotated[
+        NDArray[np.int8],
+        Array(
+            ("submap", "x", "y"),
+            "2 is a wall, −1 was seen through, 0 is unknown; the robot is in the middle",
+            chunk=64,
+            shard=2_048,
+        ),
+    ]
+
+
+@dataclass(frozen=True, eq=False)
 class CloudViews(Views, kind="clouds", version=2):
     """Points in a cube around the robot, for networks on clouds."""
 
@@ -276,7 +291,7 @@ class BirdViews(Views, kind="birdviews", version=2):
     ]
 
 
-VIEW_KINDS = (ScanContextViews, CloudViews, SignatureViews, BirdViews)
+VIEW_KINDS = (ScanContextViews, CloudViews, SignatureViews, WallViews, BirdViews)
 """All kinds of views, of which a reader that does not know the method takes any."""
 
 

@@ -17,12 +17,13 @@ from pipeline.level.field import Field
 from pipeline.level.fix import LevelFixer
 from pipeline.level.level_map import Drawing
 from pipeline.level.sweeps import OVER_M, Gatherer
+from pipeline.mapping.tiled_map import GRAIN_M
 from pipeline.matching.ranking import Rows
 from pipeline.matching.return_profiles import ReturnProfiles, reranked, return_profiles
 from pipeline.methods.scan_context import ScanContext50
 from pipeline.online.tilt import lean
 from pipeline.posing.search import Answers, Fixer
-from pipeline.posing.targets import GRAIN_M, Targets
+from pipeline.posing.targets import Targets
 from pipeline.views.m2dp import M2dp
 from pipeline.views.scan_context import ScanContext
 

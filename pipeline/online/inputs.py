@@ -105,7 +105,7 @@ class ScanOptions:
             yield from self._of_bags(path, [BagFile(bag) for bag in bags], skipped)
         else:
             for file in [path] if path.is_file() else _files(path):
-                points = partial(_points_of_file, file)
+                points = partial(points_of_file, file)
                 yield _unposed(file.name, _stamp_ns(file.stem), points, placement)
 
     def is_log(self, source: str) -> bool:
@@ -253,7 +253,8 @@ def _unposed(
     )
 
 
-def _points_of_file(file: Path) -> NDArray[np.float64]:
+def points_of_file(file: Path) -> NDArray[np.float64]:
+    """The points (n, 3) of a scan file, as `decoded` finds them."""
     return decoded(file.read_bytes(), file)
 
 

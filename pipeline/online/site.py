@@ -9,7 +9,7 @@ A scan goes in, a `Fix` comes out: its pose, and whether to accept it (METHODS 1
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -29,7 +29,9 @@ from pipeline.matching.ranking import Localizer, Ranking, Rows
 from pipeline.networks.plain import Plain
 from pipeline.online.motion import Drive, ScanDrive
 from pipeline.online.runtime import exported, localizer
-from pipeline.online.site_file import LevelParts, Parts, read, read_either
+from pipeline.online.site_file import Arrays, LevelParts, Parts, read, read_either
+from pipeline.online.site_json import SiteDescription
+from pipeline.posing.cut_outs import CutOuts
 from pipeline.posing.expectations import Expectations
 from pipeline.posing.fix import ScanFix as Registered
 from pipeline.posing.search import Answers, Fixer
@@ -140,7 +142,7 @@ class Site:
             method = build({**description.method, "threads": threads}, ROOTS)
             self.localizer = method.localizer(model)
         self.view: Callable[[NDArray[np.floating]], NDArray[Any]] = build(description.view, ROOTS)
-        self.targets = Targets(arrays, **vars(description.map))
+        self.targets = _targets(description, model, arrays)
         self.places = Places(description.places, arrays["cells"])
         verdict = description.verdict
         self.claim_judge = Judge(verdict.pose, verdict.place)
@@ -183,6 +185,22 @@ class Site:
             raise ArtifactError(
                 f"{path}: its parts do not fit together ({reason}); pack the site again"
             ) from None
+
+    @classmethod
+    def of_map(cls, points_m: NDArray[np.floating], name: str = "map", threads: int = 1) -> Self:
+        """The site of a 3-D map's points (n, 3), in metres, z upwards; see `yearloc pack --map`.
+
+        Its verdict is not calibrated. Raises InputError for points of another shape, and for a map
+        in which nothing can be localised.
+        """
+        from pipeline.online.map_pack import MapOptions, parts_of_points  # imports this module
+
+        return cls(parts_of_points(points_m, name, MapOptions()), threads)
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether its thresholds were learned from scans in its own map."""
+        return self.description.verdict.validation_blocks > 0
 
     @property
     def name(self) -> str:
@@ -355,6 +373,8 @@ class Site:
     @property
     def path_m(self) -> NDArray[np.float64] | None:
         """The training path (n, 3) in metres in the world; None if the site has no path."""
+        if self.targets.is_map:
+            return None
         return np.asarray(self.targets.world_T_anchor[:, :3, 3])
 
     def walls_of(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -364,6 +384,8 @@ class Site:
     @property
     def walls_m(self) -> NDArray[np.float64]:
         """The points (n, 3) of all walls of the map, in metres in the world."""
+        if isinstance(self.targets, CutOuts):
+            return self.targets.above_ground_m(WALLS_M[0])
         walls_m = [
             transformed(world_T_anchor, self.walls_of(self.targets.points_m(row)))
             for row, world_T_anchor in enumerate(self.targets.world_T_anchor)
@@ -381,6 +403,19 @@ class Site:
     def place(self, world_T_query: NDArray[np.float64]) -> int:
         """The place that a pose (4, 4) lies in."""
         return int(self.places.at(world_T_query[None, :2, 3])[0])
+
+
+def _targets(
+    description: SiteDescription, model: Mapping[str, NDArray[Any]], arrays: Arrays
+) -> Targets:
+    """What scans are registered with: the submaps of a drive, or cut-outs of a 3-D map."""
+    settings = description.map
+    if not settings.is_tiled:
+        return Targets(arrays, settings.grain_m, settings.range_m, settings.single)
+    from pipeline.methods.bev_correlation import drawn_in  # takes long to import
+
+    drawn = drawn_in(model, float(description.method["cell_m"]))
+    return CutOuts(arrays, drawn, settings.grain_m, settings.range_m)
 
 
 def no_pose(covariance: NDArray[np.float64]) -> Fix:

@@ -27,6 +27,10 @@ class MapSettings:
     """The map has the points within this distance of their submap's anchor."""
     single: bool
     """Whether each submap is one scan."""
+    is_tiled: bool = False
+    """Whether it is a 3-D map in tiles (posing/cut_outs.py), of which no submaps are kept."""
+    voxel_m: float | None = None
+    """The side of the voxels of a map in tiles."""
 
 
 @dataclass(frozen=True)

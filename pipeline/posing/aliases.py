@@ -70,7 +70,8 @@ def aliases(
     anchors_m = targets.world_T_anchor[:, :2, 3]
     away_m = np.where(left_out, np.inf, np.linalg.norm(anchors_m - world_T_query[:2, 3], axis=1))
     near_rows = np.argsort(away_m, kind="stable")[: np.count_nonzero(away_m < FAR_M)]
-    rows = near_rows[_spaced(anchors_m[near_rows])]
+    apart_m = 2 * walls.offset_m if targets.is_map else APART_M
+    rows = near_rows[_spaced(anchors_m[near_rows], apart_m)]
     targets_T_query = np.linalg.inv(targets.world_T_anchor[rows]) @ world_T_query
     headings_rad = yaw(targets_T_query)
 
@@ -136,10 +137,10 @@ class _Fit(NamedTuple):
         return Alias(self.score, self.row, pose(xyz_m, roll_pitch_yaw)[0])
 
 
-def _spaced(xy_m: NDArray[np.float64]) -> list[int]:
-    """The rows of positions (n, 2) to keep, in order: each is APART_M or more from the rows kept
+def _spaced(xy_m: NDArray[np.float64], apart_m: float = APART_M) -> list[int]:
+    """The rows of positions (n, 2) to keep, in order: each is `apart_m` or more from the rows kept
     before it."""
-    is_near = np.linalg.norm(xy_m[:, None] - xy_m, axis=2) < APART_M
+    is_near = np.linalg.norm(xy_m[:, None] - xy_m, axis=2) < apart_m
     chosen: list[int] = []
     is_free = np.ones(len(xy_m), bool)
     for row in range(len(xy_m)):

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from pipeline.core.frames import Poses, transformed
+from pipeline.mapping.wall_chart import SEEN_THROUGH, Chart
 from pipeline.posing.registration import Points
 from pipeline.posing.targets import Targets
-from pipeline.posing.walls import SEEN_THROUGH, Chart, Walls
+from pipeline.posing.walls import Walls
 
 NEAR_M = 5.0
 """Only scans nearer to a submap's anchor than this can contradict the submap."""

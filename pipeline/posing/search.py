@@ -13,7 +13,7 @@
 `Fixer.track` starts from an approximately known pose instead.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import chain, islice
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from pipeline.core.errors import ConfigError, InputError
 from pipeline.core.frames import pose, yaw
 from pipeline.core.settings import Count, NotNegative, Share, checked
+from pipeline.mapping.wall_chart import Chart
 from pipeline.matching.ranking import Ranking
 from pipeline.posing.aliases import aliases
 from pipeline.posing.expectations import Expectations
@@ -33,7 +34,7 @@ from pipeline.posing.probabilities import USUAL, HypothesisModel
 from pipeline.posing.registration import Alignment, Approach, Cloud, Points, Registration
 from pipeline.posing.targets import Targets, within_range
 from pipeline.posing.verification import Agreement, Seen, agreement
-from pipeline.posing.walls import Chart, Walls
+from pipeline.posing.walls import Walls
 
 BESIDE_BOUNDS_M = (2.5, 15.0)
 """A pose is also checked against a second submap: at least the first distance away from the first
@@ -186,7 +187,7 @@ class Fixer:
             cloud = self.registration.prepare(points_m)
         except InputError:
             return None
-        return Query(points_m, cloud, self.walls, targets.single)
+        return Query(points_m, cloud, self.walls, targets.single or targets.is_map)
 
     def _first_sure(
         self,
@@ -247,6 +248,9 @@ class _Search:
 
         Only approaches of `least_overlap()` or more are refined.
         """
+        if self.targets.is_map:
+            yield from self._from_answers(answers, least_overlap)
+            return
         yield from self._from_first_answer(answers, least_overlap)
         nearest = self.targets.nearest(answers.xy_m, self.left_out)
         similar = self.targets.similar(self.fixer.coarse, self.query.walls_m, self.left_out)
@@ -277,22 +281,43 @@ class _Search:
 
         There is no hypothesis if the answer lacks either of them.
         """
-        if not len(answers.xy_m):
-            return
-        xy_m = answers.xy_m[0]
-        heading_deg = answers.heading_deg[0]
-        if not np.isfinite([*xy_m, heading_deg]).all():
-            return
-        # The nearest submap: a single row, or none if all are left out.
-        for row in self.targets.nearest(xy_m[None], self.left_out):
-            world_T_anchor = self.targets.world_T_anchor[row]
-            # The answer's heading and position in the frame of that submap's anchor.
-            turn_rad = np.deg2rad(heading_deg) - yaw(world_T_anchor)
-            offset_m = world_T_anchor[:3, :3].T @ np.append(xy_m - world_T_anchor[:2, 3], 0.0)
-            if (np.abs(offset_m[:2]) > self.fixer.walls.offset_m).any():
-                offset_m = np.zeros(3)  # too far from the anchor to start there
-            guess = pose(np.array([[*offset_m[:2], 0.0]]), np.array([[0.0, 0.0, turn_rad]]))[0]
+        for row, guess in self._guesses(answers, slice(1)):
             yield from self._registered(row, guess, least_overlap())
+
+    def _from_answers(
+        self, answers: Answers, least_overlap: Callable[[], float]
+    ) -> Iterator[Hypothesis]:
+        """Hypotheses from the positions and headings of all answers, the first one alone first.
+
+        Then come rounds of `tries` answers, of which those that overlap most are refined.
+        """
+        yield from self._from_first_answer(answers, least_overlap)
+        first = 1
+        for _ in self.fixer.rounds:
+            guesses = dict(self._guesses(answers, slice(first, first + self.fixer.tries)))
+            yield from self._refined_best(guesses, self.fixer.refined, least_overlap)
+            first += self.fixer.tries
+
+    def _guesses(self, answers: Answers, rows: slice) -> Iterator[tuple[int, NDArray[np.float64]]]:
+        """For each of some answers, the nearest submap and the guessed pose (4, 4) in its frame.
+
+        There is none for an answer without position or heading, or if all submaps are left out.
+        """
+        for xy_m, heading_deg in zip(answers.xy_m[rows], answers.heading_deg[rows], strict=True):
+            if not np.isfinite([*xy_m, heading_deg]).all():
+                continue
+            # The nearest submap: a single row, or none if all are left out.
+            for row in self.targets.nearest(xy_m[None], self.left_out):
+                world_T_anchor = self.targets.world_T_anchor[row]
+                # The answer's heading and position in the frame of that submap's anchor.
+                turn_rad = np.deg2rad(heading_deg) - yaw(world_T_anchor)
+                offset_m = world_T_anchor[:3, :3].T @ np.append(xy_m - world_T_anchor[:2, 3], 0.0)
+                if (np.abs(offset_m[:2]) > self.fixer.walls.offset_m).any():
+                    offset_m = np.zeros(3)  # too far from the anchor to start there
+                yield (
+                    row,
+                    pose(np.array([[*offset_m[:2], 0.0]]), np.array([[0.0, 0.0, turn_rad]]))[0],
+                )
 
     def _round(
         self, rows: Sequence[int], least_overlap: Callable[[], float]
@@ -306,14 +331,24 @@ class _Search:
         best_rows = sorted(matches, key=lambda row: -matches[row].score)[: fixer.tries]
         # Refine the best match first: it is often right, and then the search may end.
         for group, refined_count in ((best_rows[:1], 1), (best_rows[1:], fixer.refined - 1)):
-            approaches = {}  # by row
-            for row in group:
-                for approach in self._approached(row, matches[row].target_T_query):
-                    if approach.overlap >= least_overlap():
-                        approaches[row] = approach
-            rows_by_overlap = sorted(approaches, key=lambda row: -approaches[row].overlap)
-            for row in rows_by_overlap[:refined_count]:
-                yield from self._refined(row, approaches[row])
+            guesses = {row: matches[row].target_T_query for row in group}
+            yield from self._refined_best(guesses, refined_count, least_overlap)
+
+    def _refined_best(
+        self,
+        guesses: Mapping[int, NDArray[np.float64]],
+        refined_count: int,
+        least_overlap: Callable[[], float],
+    ) -> Iterator[Hypothesis]:
+        """Approach submaps from guesses (4, 4), by row, and refine those that overlap most."""
+        approaches = {}  # by row
+        for row, guess in guesses.items():
+            for approach in self._approached(row, guess):
+                if approach.overlap >= least_overlap():
+                    approaches[row] = approach
+        rows_by_overlap = sorted(approaches, key=lambda row: -approaches[row].overlap)
+        for row in rows_by_overlap[:refined_count]:
+            yield from self._refined(row, approaches[row])
 
     def _registered(
         self, row: int, target_T_query: NDArray[np.float64], least_overlap: float = 0.0
@@ -369,7 +404,12 @@ class _Search:
         return agreement(fixer.walls, inlier_m, target, self.query.seen, target_T_query)
 
     def _beside(self, row: int, world_T_query: NDArray[np.float64]) -> int:
-        """The submap nearest to a pose, away from that of `row`; `row` itself if there is none."""
+        """The submap nearest to a pose, away from that of `row`; `row` itself if there is none.
+
+        A cut-out of the same map says nothing else.
+        """
+        if self.targets.is_map:
+            return row
         least_m, most_m = BESIDE_BOUNDS_M
         anchors_m = self.targets.world_T_anchor[:, :2, 3]
         away_m = np.linalg.norm(anchors_m - world_T_query[:2, 3], axis=1)

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from pipeline.core import schemas, store
 from pipeline.core.frames import Poses
 from pipeline.mapping.gathering import submap_points
+from pipeline.mapping.tiled_map import GRAIN_M
+from pipeline.mapping.wall_chart import Chart
 from pipeline.posing.registration import Cloud, Points, Registration
 from pipeline.posing.verification import Seen
-from pipeline.posing.walls import Chart, Walls
+from pipeline.posing.walls import Walls
 
-GRAIN_M = 0.01
-"""Points are stored as whole multiples of this."""
 APART_M = 5.0
 """A candidate nearer than this to an earlier one is skipped."""
 CACHED_CLOUDS = 256
@@ -84,12 +84,14 @@ class Targets:
       walls from above, its cloud prepared for registration, and both together; they are cached.
     """
 
+    is_map: bool = False
+    """Whether the rows are cut-outs of one map, of which none knows more than its neighbours."""
+
     def __init__(
         self, arrays: Mapping[str, NDArray[Any]], grain_m: float, range_m: float, single: bool
     ) -> None:
         """Build them from the columns and attributes of a map artifact (schemas.Maps)."""
-        self._points = arrays["points"]
-        self._offsets = arrays["offsets"]
+        self._arrays = arrays
         self._grain_m = grain_m
         self.single = single
         self.range_m = range_m
@@ -119,7 +121,9 @@ class Targets:
 
     def points_m(self, row: int) -> Points:
         """The thinned points (n, 3) of a row, in its anchor's frame, z up from the ground."""
-        return np.asarray(self._points[self._offsets[row] : self._offsets[row + 1]] * self._grain_m)
+        offsets = self._arrays["offsets"]
+        points = self._arrays["points"][offsets[row] : offsets[row + 1]]
+        return np.asarray(points * self._grain_m)
 
     def nearest(self, xy_m: NDArray[np.float64], left_out: NDArray[np.bool_]) -> Iterator[int]:
         """For each of some positions (n, 2), the row with the nearest anchor.

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.frames import transformed
+from pipeline.mapping.wall_chart import SEEN_THROUGH, Chart
 from pipeline.posing.registration import Cloud, Points
-from pipeline.posing.walls import SEEN_THROUGH, Chart, Walls, cell_numbers
+from pipeline.posing.walls import Walls, cell_numbers
 
 
 @dataclass(frozen=True)

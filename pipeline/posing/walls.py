@@ -20,22 +20,10 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError
 from pipeline.core.settings import Count, NotNegative, Positive, checked
-from pipeline.posing.ground import heights_m
+from pipeline.mapping.wall_chart import BLOCK, WALL, Chart, wall_chart, wall_points
 
-Chart = NDArray[np.int8]
-"""(2, cell, cell) two layers; x along the first axis of cells, the robot in the middle.
-
-Layer 0 has the cells: each is WALL, BESIDE, SEEN_THROUGH, or 0 if it is unknown. Layer 1 has at
-each cell the maximum of the BLOCK × BLOCK cells that start there: an upper bound for the search."""
-WALL = 2
-BESIDE = 1
-SEEN_THROUGH = -1
-BLOCK = 4
-"""Offsets along each side of a block, which share one bound."""
 MOST_BLOCKS = 24
 """Largest number of blocks of offsets that are computed; more take longer and miss less."""
-SECTORS = 180
-"""Number of directions in which the first wall is searched for."""
 
 
 @dataclass(frozen=True)
@@ -88,10 +76,7 @@ class Walls:
 
     def of(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """The points (n, 3) of walls within range, among points (m, 3), z up from the ground."""
-        above_m = heights_m(points_m)
-        is_in_range = np.hypot(points_m[:, 0], points_m[:, 1]) < self.range_m
-        is_wall = (above_m > self.low_m) & (above_m < self.high_m)
-        return np.ascontiguousarray(points_m[is_in_range & is_wall])
+        return wall_points(points_m, self.low_m, self.high_m, self.range_m)
 
     def chart(self, walls_m: NDArray[np.float64], single: bool = True) -> Chart:
         """The chart of a submap's walls (n, 3).
@@ -100,8 +85,7 @@ class Walls:
         have no common viewpoint.
         """
         margin_m = self.margin_m if single else np.inf
-        chart: Chart = _chart(walls_m, self.cell_m, self.half_width_cells, margin_m)
-        return chart
+        return wall_chart(walls_m, self.cell_m, self.half_width_cells, margin_m)
 
     def cells_at_headings(self, walls_m: NDArray[np.float64]) -> NDArray[np.int64]:
         """The cells (heading, n, 2) of a query's walls (m, 3), turned to each heading."""
@@ -155,53 +139,6 @@ def _transposed_rotation(angle_rad: NDArray[Any] | float) -> NDArray[Any]:
     cosine = np.cos(angle_rad)
     sine = np.sin(angle_rad)
     return np.moveaxis(np.array([[cosine, sine], [-sine, cosine]]), (0, 1), (-2, -1))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _chart(walls, cell_m, half_width_cells, margin_m):  # type: ignore[no-untyped-def]
-    """The chart of walls (n, 3); an infinite `margin_m` marks no cell as seen through."""
-    width = 2 * half_width_cells
-    first_wall_m = np.full(SECTORS, np.inf)
-    layers = np.zeros((2, width, width), np.int8)
-    chart, block_maxima = layers
-    # The distance of the first wall in each direction.
-    for i in range(len(walls)):
-        sector = _sector(walls[i, 0], walls[i, 1])
-        wall_m = np.hypot(walls[i, 0], walls[i, 1])
-        first_wall_m[sector] = min(first_wall_m[sector], wall_m)
-    # Cells well before the first wall are seen through.
-    for x in range(width):
-        for y in range(width):
-            x_m = (x - half_width_cells + 0.5) * cell_m
-            y_m = (y - half_width_cells + 0.5) * cell_m
-            sector = _sector(x_m, y_m)
-            # A cell may lie in two directions, so those beside its own count too.
-            nearest_m = min(
-                first_wall_m[sector - 1],
-                first_wall_m[sector],
-                first_wall_m[(sector + 1) % SECTORS],
-            )
-            if np.isfinite(nearest_m) and np.hypot(x_m, y_m) < nearest_m - margin_m:
-                chart[x, y] = SEEN_THROUGH
-    # Cells beside walls, then walls on top.
-    for value, reach in ((BESIDE, 1), (WALL, 0)):
-        for i in range(len(walls)):
-            x = int(np.floor(walls[i, 0] / cell_m)) + half_width_cells
-            y = int(np.floor(walls[i, 1] / cell_m)) + half_width_cells
-            for a in range(max(x - reach, 0), min(x + reach + 1, width)):
-                for b in range(max(y - reach, 0), min(y + reach + 1, width)):
-                    chart[a, b] = value
-    # The bounds.
-    for x in range(width):
-        for y in range(width):
-            block_maxima[x, y] = chart[x : x + BLOCK, y : y + BLOCK].max()
-    return layers
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _sector(x, y):  # type: ignore[no-untyped-def]
-    """The direction of a point, of SECTORS."""
-    return int((np.arctan2(y, x) / (2 * np.pi) + 0.5) * SECTORS) % SECTORS
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

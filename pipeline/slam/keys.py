@@ -16,9 +16,10 @@ from pipeline.core.errors import LogError
 from pipeline.core.frames import Poses, travelled_m
 from pipeline.core.progress import Progress
 from pipeline.mapping.appearance import measure_ground_m
+from pipeline.mapping.tiled_map import GRAIN_M
 from pipeline.matching.shifts import Spectra
 from pipeline.posing.registration import Points
-from pipeline.posing.targets import GRAIN_M, Targets, thinned
+from pipeline.posing.targets import Targets, thinned
 from pipeline.readers.deskew import scan_at_stamp
 from pipeline.readers.log import Log, lifted
 from pipeline.slam.odometry import Track

@@ -10,13 +10,13 @@ import numpy as np
 from pipeline.core.grid import Grid
 from pipeline.core.progress import Progress
 from pipeline.core.settings import filled
+from pipeline.mapping.tiled_map import GRAIN_M
 from pipeline.matching.places import label
 from pipeline.matching.ranking import Rows
 from pipeline.methods.scan_context import ScanContext50
 from pipeline.online import site_file
 from pipeline.online.site_json import VERSION, SiteDescription
 from pipeline.posing.expectations import Expectations
-from pipeline.posing.targets import GRAIN_M
 from pipeline.posing.verdict import CLAIMS
 from pipeline.views.scan_context import ScanContext
 from tests.posing.scene import planar, scene, seen_from

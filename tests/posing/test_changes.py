@@ -4,8 +4,9 @@ built."""
 import numpy as np
 import pytest
 
+from pipeline.mapping.tiled_map import GRAIN_M
 from pipeline.posing.changes import contradicted, usual_contradiction
-from pipeline.posing.targets import GRAIN_M, Targets
+from pipeline.posing.targets import Targets
 from pipeline.posing.walls import Walls
 from tests.posing.scene import planar
 

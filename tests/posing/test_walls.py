@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from pipeline.core.errors import ConfigError
-from pipeline.posing.walls import SEEN_THROUGH, WALL, Walls, cell_numbers
+from pipeline.mapping.wall_chart import SEEN_THROUGH, WALL
+from pipeline.posing.walls import Walls, cell_numbers
 from tests.posing.scene import planar, scene, seen_from
 
 

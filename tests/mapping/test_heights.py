@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.posing.ground import heights_m
+from pipeline.mapping.heights import heights_m
 from pipeline.posing.walls import Walls
 
 

@@ -1,0 +1,270 @@
+"""Packs a site of a 3-D point-cloud map that somebody has: no drive, and no training (METHODS 15).
+
+1. Thin the map's points to one a voxel, and sort them into tiles.
+2. Fit the ground, which is seldom level and often missing.
+3. Draw the walls from above: they are the model of the method `bev_correlation`.
+4. Set anchors on the ground, wherever the map has points near: a query is registered with the
+   points around them.
+
+The verdict has the usual probabilities, since the map has no scans to validate it with:
+`yearloc calibrate` learns it from a drive.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.core.errors import InputError
+from pipeline.core.frames import Poses
+from pipeline.core.grid import Grid
+from pipeline.core.progress import Progress
+from pipeline.mapping.local_ground import LocalGround
+from pipeline.mapping.tiled_map import GRAIN_M, Thinning, TiledMap
+from pipeline.matching.correlation import WallMap
+from pipeline.matching.database import Database
+from pipeline.matching.rejection import ACCEPT_NOTHING
+from pipeline.methods.bev_correlation import BevCorrelation, drawn_map, model_arrays
+from pipeline.online import site_file
+from pipeline.online.level_pack import LEVEL_VERSIONS
+from pipeline.online.sensor import typical
+from pipeline.online.site_file import Parts
+from pipeline.online.site_json import MapSettings, Provenance, Sensor, Settings, SiteDescription
+from pipeline.opening.map_files import MapFiles
+from pipeline.posing.cut_outs import SPACING_M
+from pipeline.posing.expectations import Expectations
+from pipeline.posing.verdict import CLAIMS, TARGET_PRECISIONS, USUAL, Verdict
+from pipeline.views.walls import Walls as WallView
+
+VOXEL_M = 0.4
+"""The map has one point in each voxel with this side."""
+RANGE_M = 60.0
+"""A query is registered with the points within this distance of an anchor."""
+WALLS_M = 50.0
+"""A query's walls up to this distance are compared with the map's."""
+NEAR_M = 20.0
+"""A scan may have been taken this near to a point of the map."""
+PLACE_M = 10.0
+"""Side of a place."""
+UNSEEN_SHARE = 0.2
+"""The expected share of queries from places that the map does not have."""
+K = 25
+"""Number of positions that the search ranks."""
+USUAL_THRESHOLDS = (0.05, 0.01, ACCEPT_NOTHING)
+"""For each of TARGET_PRECISIONS, the error probability from which on a claim is rejected: what the
+usual probabilities say themselves. Without a drive in this map, nothing says .999."""
+WIDEST_M2 = 4e8
+"""A map with a larger box has stray points, or should be packed in parts."""
+FEWEST_VOXELS = 20
+"""A tile with fewer voxels holds stray points; it is left out."""
+SPARSE_M2 = 200.0
+"""A map whose points are all within so small an area is a scan."""
+METHOD = "pipeline.methods.bev_correlation.BevCorrelation"
+VIEW = "pipeline.views.walls.Walls"
+FIXER: Settings = {
+    "_target_": "pipeline.posing.search.Fixer",
+    "walls": {"_target_": "pipeline.posing.walls.Walls", "range_m": WALLS_M},
+}
+READER: Settings = {"_target_": "pipeline.readers.folder.Folder"}
+"""The reader of logs that are localised in it; bags and folders of scans need none."""
+MAP_VERSIONS = (*LEVEL_VERSIONS, "small_gicp")
+"""Packages whose versions a site records."""
+
+
+@dataclass(frozen=True)
+class MapOptions:
+    """What a user may say of a map, if it cannot be found out."""
+
+    origin_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """The site's world has its origin at this position of the map's frame."""
+    voxel_m: float = VOXEL_M
+    like: Sequence[NDArray[np.float64]] = ()
+    """Scans (n, 3) of the robot that will localise: its sensor, and the height of a cut ground."""
+
+
+def pack_map(
+    paths: Sequence[Path], out: Path, options: MapOptions, progress: Progress
+) -> list[str]:
+    """Write the site of a 3-D map; returns lines on the map and on the site.
+
+    Raises LogError for files that are no map, InputError for a map in which nothing can be
+    localised.
+    """
+    files = MapFiles.of(paths)
+    thinning = Thinning(options.voxel_m)
+    for points_m in files.chunks(progress):
+        thinning.add(points_m - options.origin_m)
+    parts, lines = parts_of_map(
+        thinning.tiled(), f"{files.name}", {"map": files.digest()}, options, progress
+    )
+    site_file.write(out, parts)
+    size = f"{out.stat().st_size / 1e6:.1f} MB"
+    places = len(parts.arrays["cells"])
+    return [
+        *files.notes,
+        *lines,
+        f"{out}: {places:,} places of {PLACE_M:g} m, {size}; target precisions "
+        f"{', '.join(map(str, parts.description.verdict.reachable))} by the usual probabilities, "
+        f"not calibrated on this map: `yearloc calibrate {out} LOG` learns them from a drive",
+    ]
+
+
+def parts_of_points(points_m: NDArray[np.floating], name: str, options: MapOptions) -> Parts:
+    """The content of the site of a map's points (n, 3), in metres.
+
+    Raises InputError for points of another shape, and for a map in which nothing can be localised.
+    """
+    points = np.asarray(points_m, np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"points of shape {points.shape}: expected (n, 3), in metres")
+    thinning = Thinning(options.voxel_m)
+    thinning.add(points[np.isfinite(points).all(axis=1)] - options.origin_m)
+    parts, _ = parts_of_map(thinning.tiled(), name, {"map": None}, options, Progress())
+    return parts
+
+
+def parts_of_map(
+    tiled: TiledMap,
+    name: str,
+    digests: dict[str, str | None],
+    options: MapOptions,
+    progress: Progress,
+) -> tuple[Parts, list[str]]:
+    """The content of the site of a tiled map, and lines on the map."""
+    tiled, strays = tiled.without_strays(FEWEST_VOXELS)
+    _refuse_size(name, tiled)
+    cut_m = _cut_m(options.like)
+    ground = LocalGround.of(
+        progress.track(tiled.tiles_m(), len(tiled), "fit the ground"), cut_m=cut_m
+    )
+    drawn = _drawn(progress.track(tiled.tiles_m(), len(tiled), "draw the walls"), ground)
+    anchors = _anchors(drawn, ground)
+    if not len(anchors) or not drawn.counts.any():
+        raise InputError(
+            f"{name}: nothing stands {WallView().low_m:g} m or more above its ground: a map "
+            "without walls or trees cannot be searched"
+        )
+    grid, cells, place_of_anchor = _places(anchors)
+    database = Database(place_of_anchor, anchors[:, :2, 3], np.zeros(len(anchors)))
+    method = BevCorrelation()
+    description = SiteDescription(
+        name=name,
+        simulated=False,
+        method={"_target_": METHOD, "cell_m": method.cell_m, "candidates_m": NEAR_M},
+        view={"_target_": VIEW},
+        fixer=FIXER,
+        k=K,
+        places=grid,
+        map=MapSettings(GRAIN_M, RANGE_M, single=False, voxel_m=options.voxel_m, is_tiled=True),
+        verdict=usual_verdict(),
+        reader=READER,
+        sensor=_sensor(options.like),
+        provenance=Provenance.of(name, digests, MAP_VERSIONS),
+    )
+    arrays = {
+        **tiled.arrays,
+        "world_T_anchor": anchors,
+        "cells": cells,
+        **Expectations().arrays,
+    }
+    model = {**model_arrays(drawn), **database.arrays()}
+    return Parts(description, model, arrays, None), _lines(tiled, ground, anchors, strays)
+
+
+def usual_verdict() -> Verdict:
+    """The verdict of a map in which nobody has driven yet."""
+    thresholds = dict.fromkeys(CLAIMS, USUAL_THRESHOLDS)
+    return Verdict(USUAL.pose, USUAL.place, TARGET_PRECISIONS, thresholds, 0, UNSEEN_SHARE)
+
+
+def _refuse_size(name: str, tiled: TiledMap) -> None:
+    """Raise InputError for a single scan, and for a map whose box is too large to draw."""
+    if not len(tiled):
+        raise InputError(f"{name}: its points are strays, fewer than {FEWEST_VOXELS} in each tile")
+    low_m, high_m = tiled.box_m
+    x_m, y_m, _ = high_m - low_m
+    if x_m * y_m > WIDEST_M2:
+        raise InputError(
+            f"{name}: its box is {x_m / 1e3:.0f} × {y_m / 1e3:.0f} km: remove stray points, or "
+            "pack the map in parts"
+        )
+    if x_m * y_m < SPARSE_M2:
+        raise InputError(
+            f"{name}: its points lie within {x_m:.0f} × {y_m:.0f} m, as of an object; expected a "
+            "map of a place"
+        )
+
+
+def _cut_m(like: Sequence[NDArray[np.float64]]) -> float | None:
+    """The height at which the robot's scans have their ground cut off; None if they show it.
+
+    The scans are in the vehicle's frame, with the ground at z = 0.
+    """
+    lowest_m = [float(np.quantile(points_m[:, 2], 0.01)) for points_m in like if len(points_m)]
+    if not lowest_m or min(lowest_m) < 0.1:
+        return None
+    return float(np.median(lowest_m))
+
+
+def _drawn(tiles_m: Iterable[NDArray[np.float64]], ground: LocalGround) -> WallMap:
+    """The walls of the map from above, and where a scan may have been taken."""
+    view = WallView()
+    walls = [np.empty((0, 2), np.int64)]
+    visited = [np.empty((0, 2), np.int64)]
+    for points_m in tiles_m:
+        cells = np.floor(points_m[:, :2] / view.cell_m).astype(np.int64)
+        above_m = points_m[:, 2] - ground.heights_m(points_m[:, :2])
+        walls.append(cells[(above_m > view.low_m) & (above_m < view.high_m)])
+        visited.append(np.unique(cells, axis=0))
+    return drawn_map(
+        np.concatenate(walls), np.concatenate(visited), NEAR_M, view.cell_m, view.shape[0] // 2
+    )
+
+
+def _anchors(drawn: WallMap, ground: LocalGround) -> Poses:
+    """Poses (n, 4, 4) on the ground, on a grid of SPACING_M wherever a scan may be."""
+    low = np.floor(drawn.corner_m / SPACING_M)
+    counts = np.ceil(np.array(drawn.is_candidate.shape) * drawn.cell_m / SPACING_M) + 1
+    steps = np.argwhere(np.ones(counts.astype(np.int64), bool))
+    xy_m = (low + steps + 0.5) * SPACING_M
+    cell = np.floor((xy_m - drawn.corner_m) / drawn.cell_m).astype(np.int64)
+    is_inside = ((cell >= 0) & (cell < drawn.is_candidate.shape)).all(axis=1)
+    xy_m, cell = xy_m[is_inside], cell[is_inside]
+    poses = ground.poses(xy_m[drawn.is_candidate[tuple(cell.T)]])
+    return poses[np.isfinite(poses).all(axis=(1, 2))]
+
+
+def _places(anchors: Poses) -> tuple[Grid, NDArray[np.int64], NDArray[np.int64]]:
+    """The grid of places, the cell of each place, and the place of each anchor."""
+    xy_m = anchors[:, :2, 3]
+    low = np.floor(xy_m.min(axis=0) / PLACE_M) * PLACE_M
+    high = (np.floor(xy_m.max(axis=0) / PLACE_M) + 1) * PLACE_M
+    grid = Grid(PLACE_M, (float(low[0]), float(high[0])), (float(low[1]), float(high[1])))
+    cells, place_of_anchor = np.unique(grid.cell(xy_m), return_inverse=True)
+    return grid, cells, place_of_anchor.astype(np.int64)
+
+
+def _sensor(like: Sequence[NDArray[np.float64]]) -> Sensor:
+    """The description of the robot's scans; of nothing, if there are none."""
+    if not like:
+        return Sensor(0.0, None, None, None, None, None, ())
+    return typical(like, 0.0)
+
+
+def _lines(tiled: TiledMap, ground: LocalGround, anchors: Poses, strays: int) -> list[str]:
+    """Lines for the user on the map."""
+    low_m, high_m = tiled.box_m
+    x_m, y_m, _ = high_m - low_m
+    tilt_deg = ground.tilt_deg[np.isfinite(ground.tilt_deg)]
+    shown = "in the map" if ground.has_ground else "cut off"
+    lines = [
+        f"map: {len(tiled.points):,} voxels in {len(tiled)} tiles over {x_m:.0f} × {y_m:.0f} m",
+        f"ground: {shown}, {np.median(tilt_deg):.1f}° off level in the median, "
+        f"{np.quantile(tilt_deg, 0.99):.1f}° at most",
+        f"anchors: {len(anchors):,}, one every {SPACING_M:g} m",
+    ]
+    if strays:
+        lines.append(f"strays: {strays:,} voxels in nearly empty tiles are left out")
+    return lines
