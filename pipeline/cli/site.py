@@ -1,18 +1,19 @@
-"""`yearloc pack` writes a site file; `yearloc export` makes a site that runs without torch.
+"""`yearloc pack` writes a site file; `yearloc export` writes its map, or a site without torch.
 
 A site is one file with all that it takes to localise in a place: a study's model and map, or the
-map of a building for a level laser. An export is a site's network as ONNX, or a site that answers
-through ONNX.
+map of a building for a level laser. An export is a site's map as a point cloud, its network as
+ONNX, or a site that answers through ONNX.
 """
 
 import math
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pipeline.cli.options import SitePath, only_one
-from pipeline.cli.outputs import check_file
+from pipeline.cli.outputs import check_file, check_folder
 from pipeline.cli.progress import Bar
 from pipeline.cli.project import conf_folder, named_model
 from pipeline.core.errors import ConfigError
@@ -120,21 +121,51 @@ def map_options(like: list[Path], cell_m: float | None, origin: str | None) -> "
 def export(
     path: SitePath,
     out: Annotated[
-        Path,
+        str,
         typer.Option(
             "-o",
             "--out",
-            metavar="FILE.onnx|FILE.site",
-            help="The file to write: the network alone, or a whole site that uses it",
+            metavar="OUT",
+            help="The map: FILE.pcd, FILE.ply, FOLDER/ of Autoware's tiles, of a level site "
+            "FILE.yaml; the network alone: FILE.onnx; a site that runs it without torch: FILE.site",
         ),
     ],
     compact: Annotated[
         bool,
-        typer.Option("--compact", help="Store weights in 8 bits, a quarter of the size"),
+        typer.Option(
+            "--compact",
+            help="With FILE.onnx or FILE.site: weights in 8 bits, a quarter of the size",
+        ),
     ] = False,
 ) -> None:
-    """Export a site's network as ONNX, or a site that runs it without torch."""
-    from pipeline.online import export as networks
+    """Export a site's map as a point cloud, or its network as ONNX."""
+    if Path(out).suffix in (".onnx", ".site") and not out.endswith("/"):
+        _refuse_map_site(path, out)
+        from pipeline.online import export as networks
 
-    check_file(out)
-    print(networks.export(path, out, compact))
+        check_file(Path(out))
+        print(networks.export(path, Path(out), compact))
+        return
+    from pipeline.mapping.map_output import MapOutput
+    from pipeline.online.export_map import NAV2_SUFFIXES, export_map
+
+    if compact:
+        raise ConfigError("--compact is for a network: -o FILE.onnx or -o FILE.site")
+    is_file = Path(out).suffix in NAV2_SUFFIXES or not MapOutput.of(out).is_folder
+    (check_file if is_file else check_folder)(Path(out))
+    lines, is_simulated = export_map(path, out, Bar())
+    for line in lines:
+        print(line)
+    if is_simulated:
+        print("the site is simulated, not recorded", file=sys.stderr)
+
+
+def _refuse_map_site(path: Path, out: str) -> None:
+    """Raise ConfigError for the site of a 3-D map, which has no network."""
+    from pipeline.online import site_file
+
+    if site_file.read(path).description.map.is_tiled:
+        raise ConfigError(
+            f"-o {out}: {path} is the site of a 3-D map, which has no network; its map is written "
+            "with -o FILE.pcd, FILE.ply or FOLDER/"
+        )

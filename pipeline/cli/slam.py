@@ -11,7 +11,7 @@ import typer
 
 from pipeline.cli.kernels import tell_cold
 from pipeline.cli.options import Topic
-from pipeline.cli.outputs import check_file
+from pipeline.cli.outputs import check_file, check_folder
 from pipeline.cli.progress import Scans
 from pipeline.core.errors import ConfigError
 
@@ -37,9 +37,12 @@ def slam(
         ),
     ] = None,
     map_path: Annotated[
-        Path | None,
+        str | None,
         typer.Option(
-            "--map", metavar="FILE", help="Write the points of all scans to this .pcd file"
+            "--map",
+            metavar="OUT",
+            help="Write the points of all scans: FILE.pcd, FILE.ply, or FOLDER/ of Autoware's "
+            "tiles; `yearloc pack --map OUT` makes a site of it",
         ),
     ] = None,
     picture: Annotated[
@@ -58,17 +61,20 @@ def slam(
 ) -> None:
     """Estimate the poses of a log: odometry by registration, loop closures, a pose graph."""
     from pipeline.core.replacing import replace, write_text
+    from pipeline.mapping.map_output import MapOutput
     from pipeline.opening.opening import unposed
     from pipeline.slam import outputs
     from pipeline.slam.drive import Slam, without_ground_truth
 
     if not (out or map_path or picture):
-        raise ConfigError("nothing to write: expected -o FILE, --map FILE or --picture FILE")
-    for path, ending in ((map_path, ".pcd"), (picture, ".png")):
-        if path and path.suffix != ending:
-            raise ConfigError(f"{path}: expected a file that ends in {ending}")
-    for path in (out, map_path, picture):
+        raise ConfigError("nothing to write: expected -o FILE, --map OUT or --picture FILE")
+    if picture and picture.suffix != ".png":
+        raise ConfigError(f"{picture}: expected a file that ends in .png")
+    map_output = MapOutput.of(map_path) if map_path else None
+    for path in (out, picture):
         check_file(path)
+    if map_output:
+        (check_folder if map_output.is_folder else check_file)(map_output.path)
     uses_odometry = odometry != "none"
     odometry_topic = odometry if uses_odometry else None
     opened_log = without_ground_truth(unposed(log, topic, odometry_topic))
@@ -77,13 +83,13 @@ def slam(
     estimate = Slam(use_log_odometry=uses_odometry).estimate(opened_log, progress)
     if out:
         write_text(out, outputs.tum_text(estimate))
-    if map_path:
-        with replace(map_path) as scratch:
-            scratch.write_bytes(outputs.map_pcd(opened_log, estimate, progress))
+    if map_output:
+        map_output.write(outputs.slam_map(opened_log, estimate, progress))
     if picture:
         with replace(picture) as scratch:
             outputs.draw(estimate, scratch, log.name)
-    _tell(estimate, opened_log.notes, [path for path in (out, map_path, picture) if path])
+    paths = (out, map_output and map_output.path, picture)
+    _tell(estimate, opened_log.notes, [path for path in paths if path])
 
 
 def _tell(estimate: "Estimates", notes: tuple[str, ...], paths: list[Path]) -> None:

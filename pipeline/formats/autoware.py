@@ -68,17 +68,19 @@ def read_metadata(path: Path) -> Metadata | None:
     return Metadata((side_x_m, side_y_m), corners_m)
 
 
-def write_tiles(folder: Path, blocks: Iterable[NDArray[np.float64]], side_m: int) -> Metadata:
+def write_tiles(
+    folder: Path, blocks: Iterable[NDArray[np.float64]], side_m: int, comment: str = ""
+) -> Metadata:
     """Write blocks (n, 3) of points in metres as square tiles X_Y.pcd and their metadata.
 
     A tile is named after its corner, has sides of `side_m` metres, and stores 32-bit floats, as
-    Autoware reads them. The folder is written whole or not at all. Raises InputError for points
-    that are not finite and for no points, ConfigError for a folder that holds anything else than
-    tiles.
+    Autoware reads them. A `comment` of one line of ASCII heads the tiles and the yaml. The folder
+    is written whole or not at all. Raises InputError for points that are not finite and for no
+    points, ConfigError for a folder that holds anything else than tiles.
     """
     if side_m < 1:
         raise InputError(f"tiles of {side_m} m: expected at least 1 m")
-    _refuse_other_content(folder)
+    refuse_other_content(folder)
     counts: dict[tuple[int, int], int] = {}
     with replace(folder) as scratch:
         scratch.mkdir()
@@ -88,15 +90,26 @@ def write_tiles(folder: Path, blocks: Iterable[NDArray[np.float64]], side_m: int
             raise InputError("no points to write as tiles")
         for corner, count in counts.items():
             tile = scratch / _name(corner)
-            tile.write_bytes(pcd.encode_header(count) + tile.read_bytes())
+            tile.write_bytes(pcd.encode_header(count, comment) + tile.read_bytes())
         corners = {_name(corner): list(corner) for corner in sorted(counts)}
         sides = dict.fromkeys(SIDES, float(side_m))
         text = yaml.safe_dump(sides | corners, sort_keys=False, default_flow_style=None)
-        (scratch / METADATA).write_text(text, encoding="utf-8")
+        comment_line = f"# {comment}\n" if comment else ""
+        (scratch / METADATA).write_text(comment_line + text, encoding="utf-8")
     return Metadata(
         (float(side_m), float(side_m)),
         {_name(corner): (float(corner[0]), float(corner[1])) for corner in sorted(counts)},
     )
+
+
+def refuse_other_content(folder: Path) -> None:
+    """Raise ConfigError if the folder is there, which is replaced, and holds more than a map."""
+    if not folder.exists():
+        return
+    names = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else [folder.name]
+    others = [name for name in names if not name.endswith(".pcd") and name != METADATA]
+    if others or not folder.is_dir():
+        raise ConfigError(f"{folder}: holds {(others or names)[0]} beside tiles; name a new folder")
 
 
 def _number(path: Path, key: str, value: Any) -> float:
@@ -134,13 +147,3 @@ def _append(
         counts[corner] = counts.get(corner, 0) + len(rows)
         with (folder / _name(corner)).open("ab") as file:
             file.write(stored[rows].tobytes())
-
-
-def _refuse_other_content(folder: Path) -> None:
-    """Raise ConfigError if the folder is there, which is replaced, and holds more than a map."""
-    if not folder.exists():
-        return
-    names = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else [folder.name]
-    others = [name for name in names if not name.endswith(".pcd") and name != METADATA]
-    if others or not folder.is_dir():
-        raise ConfigError(f"{folder}: holds {(others or names)[0]} beside tiles; name a new folder")

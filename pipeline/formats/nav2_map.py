@@ -105,8 +105,11 @@ def read(path: Path) -> GridMap:
     return GridMap(occupancy, float(keys.resolution), (x_m, y_m, yaw_rad))
 
 
-def write(path: Path, grid: GridMap) -> None:
-    """Write a map of mode `trinary`: FILE.yaml at `path`, and its image beside it as FILE.pgm."""
+def write(path: Path, grid: GridMap, comment: str = "") -> None:
+    """Write a map of mode `trinary`: FILE.yaml at `path`, and its image beside it as FILE.pgm.
+
+    A `comment` of one line heads the yaml.
+    """
     cells = grid.occupancy[::-1].astype(np.int64)
     pixels = np.full(cells.shape, UNKNOWN_PIXEL, np.uint8)
     pixels[(cells >= 0) & (cells <= 100 * FREE_THRESH)] = FREE_PIXEL
@@ -116,7 +119,8 @@ def write(path: Path, grid: GridMap) -> None:
     with replace(image) as scratch:
         scratch.write_bytes(f"P5\n{cols} {rows}\n255\n".encode() + pixels.tobytes())
     keys = Keys(image=image.name, resolution=grid.resolution_m, origin=grid.origin)
-    write_text(path, yaml.safe_dump(plain(keys, whole=True), sort_keys=False))
+    comment_line = f"# {comment}\n" if comment else ""
+    write_text(path, comment_line + yaml.safe_dump(plain(keys, whole=True), sort_keys=False))
 
 
 def _yaml(path: Path) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Literal
 
 import numpy as np
 from numba import njit
@@ -112,11 +112,16 @@ def encode(points_m: NDArray[np.floating]) -> bytes:
     return encode_header(len(points_m)) + np.ascontiguousarray(points_m, "<f4").tobytes()
 
 
-def encode_header(count: int) -> bytes:
-    """The header of a binary PCD; `count` points of three little-endian 32-bit floats follow."""
+def encode_header(count: int, comment: str = "", size: Literal[4, 8] = 4) -> bytes:
+    """The header of a binary PCD, with a comment of one line of ASCII if it is not empty.
+
+    `count` points of three little-endian floats of `size` bytes follow.
+    """
+    comment_line = f"# {comment}\n" if comment else ""
     return (
-        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
-        f"WIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\nDATA binary\n"
+        f"{comment_line}VERSION 0.7\nFIELDS x y z\nSIZE {size} {size} {size}\nTYPE F F F\n"
+        f"COUNT 1 1 1\nWIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\n"
+        f"POINTS {count}\nDATA binary\n"
     ).encode()
 
 

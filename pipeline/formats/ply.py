@@ -11,7 +11,7 @@ Of the element vertex the properties x, y and z are read. All else is skipped.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,11 +136,17 @@ def encode(points_m: NDArray[np.floating]) -> bytes:
     return encode_header(len(points_m)) + np.ascontiguousarray(points_m, "<f4").tobytes()
 
 
-def encode_header(count: int) -> bytes:
-    """The header of a binary PLY; `count` points of three little-endian 32-bit floats follow."""
+def encode_header(count: int, comment: str = "", size: Literal[4, 8] = 4) -> bytes:
+    """The header of a binary PLY, with a comment of one line of ASCII if it is not empty.
+
+    `count` points of three little-endian floats of `size` bytes follow.
+    """
+    comment_line = f"comment {comment}\n" if comment else ""
+    kind = "float" if size == 4 else "double"
+    properties = "".join(f"property {kind} {axis}\n" for axis in AXES)
     return (
-        f"ply\nformat binary_little_endian 1.0\nelement vertex {count}\n"
-        "property float x\nproperty float y\nproperty float z\nend_header\n"
+        f"ply\nformat binary_little_endian 1.0\n{comment_line}element vertex {count}\n"
+        f"{properties}end_header\n"
     ).encode()
 
 

@@ -1,16 +1,15 @@
-"""The files that `yearloc slam` writes: trajectory (TUM), point cloud map (PCD) and picture."""
+"""What `yearloc slam` writes: trajectory (TUM), point-cloud map and picture."""
 
 from pathlib import Path
 
 import numpy as np
-import small_gicp
 
 from pipeline.core.errors import LogError
 from pipeline.core.frames import transformed
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import Estimates
-from pipeline.formats import folder, pcd
-from pipeline.posing.registration import Points
+from pipeline.formats import folder
+from pipeline.mapping.tiled_map import Thinning, TiledMap
 from pipeline.readers.deskew import scan_at_stamp
 from pipeline.readers.log import Log
 
@@ -20,8 +19,6 @@ MAP_EVERY_M = 1.0
 """Path from one scan that is added to the map to the next."""
 MAP_RANGE_M = 60.0
 """Points of a scan farther away than this are not added to the map."""
-THINNED_AFTER = 50
-"""The map is thinned each time this many scans have been added, which bounds its memory."""
 
 
 def tum_text(estimate: Estimates) -> str:
@@ -33,26 +30,23 @@ def tum_text(estimate: Estimates) -> str:
     return text
 
 
-def map_pcd(log: Log, estimate: Estimates, watch: Progress) -> bytes:
-    """A PCD file of a drive's points in its world frame; unreadable scans are left out."""
+def slam_map(log: Log, estimate: Estimates, watch: Progress) -> TiledMap:
+    """The map of a drive's points in its world; unreadable scans are left out.
+
+    Raises InputError if no scan has points.
+    """
     # the first scan in each MAP_EVERY_M of path, if it has a pose
     _, first_rows = np.unique(estimate.path_m // MAP_EVERY_M, return_index=True)
     rows = first_rows[estimate.posed[first_rows]].tolist()
-    map_m = np.empty((0, 3))
-    not_thinned: list[Points] = []
-    for number, row in enumerate(watch.track(rows, len(rows), "map"), start=1):
+    thinning = Thinning(MAP_VOXEL_M)
+    for row in watch.track(rows, len(rows), "map"):
         try:
             points_m = scan_at_stamp(log, estimate.odom_T_scan, estimate.breaks, row)
         except LogError:
             continue
         near = points_m[np.linalg.norm(points_m, axis=1) < MAP_RANGE_M]
-        not_thinned.append(transformed(estimate.world_T_scan[row], near))
-        if number % THINNED_AFTER == 0 or number == len(rows):
-            all_m = np.concatenate([map_m, *not_thinned])
-            thinned = small_gicp.voxelgrid_sampling(all_m, MAP_VOXEL_M)
-            map_m = np.asarray(thinned.points())[:, :3]
-            not_thinned = []
-    return pcd.encode(map_m)
+        thinning.add(transformed(estimate.world_T_scan[row], near))
+    return thinning.tiled()
 
 
 def draw(estimate: Estimates, path: Path, title: str) -> None:

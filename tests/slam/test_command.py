@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from pipeline.cli import main
+from pipeline.core.progress import Progress
 from pipeline.formats import pcd
+from pipeline.opening.map_files import MapFiles
 from pipeline.readers.folder import read_tum
 from tests.slam.round import circle, drive
 
@@ -29,7 +31,7 @@ def test_a_folder_of_clouds_becomes_a_trajectory_a_map_and_a_picture(
     assert stamps_ns.tolist() == [row * 10**9 for row in range(8)]
     way = np.linalg.inv(circle(8)[0]) @ circle(8)
     np.testing.assert_allclose(poses[:, :2, 3], way[:, :2, 3], atol=0.1)
-    assert len(pcd.decode(whole.read_bytes(), whole, 2**28)) > 1000
+    assert sum(map(len, MapFiles.of([whole]).chunks(Progress()))) > 1000
     assert picture.read_bytes().startswith(b"\x89PNG")
     reported = capsys.readouterr().err
     assert "8 of 8 scans have a pose" in reported
@@ -41,7 +43,11 @@ def test_a_command_without_outputs_or_with_wrong_endings_is_refused_at_once(
 ) -> None:
     for words, says in (
         (["slam", str(tmp_path)], "nothing to write"),
-        (["slam", str(tmp_path), "--map", str(tmp_path / "map.ply")], "expected a file that ends"),
+        (["slam", str(tmp_path), "--map", str(tmp_path / "map.xyz")], "expected a map FILE.pcd"),
+        (
+            ["slam", str(tmp_path), "--picture", str(tmp_path / "p.jpg")],
+            "expected a file that ends",
+        ),
         (["slam", str(tmp_path), "-o", str(tmp_path / "poses.txt")], "no log"),
     ):
         with pytest.raises(SystemExit) as ended:

@@ -10,7 +10,7 @@ from pipeline.core.errors import LogError
 from pipeline.core.frames import distance_and_turn
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import Estimates
-from pipeline.formats import folder, pcd
+from pipeline.formats import folder
 from pipeline.readers.folder import read_tum
 from pipeline.readers.log import Log
 from pipeline.slam import outputs
@@ -144,7 +144,7 @@ def test_the_trajectory_is_a_tum_file(estimate: Estimates, tmp_path: Path) -> No
 
 
 def test_the_map_holds_the_walls_where_they_stand(log: Log, estimate: Estimates) -> None:
-    points_m = pcd.decode(outputs.map_pcd(log, estimate, Progress()), Path("map.pcd"), 2**28)
+    points_m = np.concatenate([*outputs.slam_map(log, estimate, Progress()).tiles_m()])
     assert np.abs(np.median(points_m[:, 2])) < 2.0
     centre = np.median(points_m[:, :2], axis=0)
     assert np.linalg.norm(centre - [0.0, RADIUS_M]) < 8.0  # the circle's middle, to the left
