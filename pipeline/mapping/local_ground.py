@@ -2,15 +2,15 @@
 
 Maps that people have are seldom level, and often their ground was cut off (METHODS 15).
 
-1. The lowest points of each cell are candidates for the ground.
+1. One of the lowest points of each cell is a candidate for the ground.
 2. A plane is fitted to the candidates around each cell. Those above it count less, since they are
    of cars, roofs and trees.
-3. If few of a cell's columns have a point near these planes, the ground was cut off: the planes are
-   lowered by the height of the cut.
+3. If few of a cell's columns have a point near these planes and nothing just above it, the ground
+   was cut off: the planes are lowered by the height of the cut.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -37,9 +37,11 @@ ROUNDS = 8
 """Rounds of reweighted least squares."""
 COLUMN_M = 1.0
 NEAR_GROUND_M = 0.25
-"""A column of this width shows the ground if it has a point this near to the plane."""
-GROUND_SHARE = 0.4
-"""A cell of which fewer of the columns with points show the ground has lost its ground."""
+"""A column of this width shows the ground if its lowest point is this near to the plane, ..."""
+OPEN_M = 1.0
+"""... and no point stands up to this far above it, as those of walls and bushes do."""
+GROUND_SHARE = 0.1
+"""If fewer of a cell's columns with points show the ground, in the median, it was cut off."""
 USUAL_CUT_M = 0.3
 """The height at which ground is cut off, if nothing else is known."""
 
@@ -63,23 +65,20 @@ class LocalGround:
         `cut_m` is the height above the ground below which the map has no points; without it, the
         map's own points say whether its ground was cut, at USUAL_CUT_M.
         """
-        cells: list[NDArray[np.int64]] = []
-        lows_m: list[NDArray[np.float64]] = []
-        shown: list[NDArray[np.float64]] = []
+        candidates = [np.empty((0, 3))]
+        lows = [np.empty((0, 3))]
+        are_open = [np.empty(0, bool)]
         for points_m in tiles_m:
-            tile_cells, tile_lows_m, tile_shown = _candidates(points_m)
-            cells.append(tile_cells)
-            lows_m.append(tile_lows_m)
-            shown.append(tile_shown)
-        cell = np.concatenate(cells)
-        low = cell.min(axis=0) - REACH_CELLS
-        shape = cell.max(axis=0) - low + REACH_CELLS + 1
-        candidates_m = np.full(shape, np.nan)
-        candidates_m[tuple((cell - low).T)] = np.concatenate(lows_m)
-        has_ground = cut_m is None and float(np.nanmedian(np.concatenate(shown))) > GROUND_SHARE
-        if not has_ground:
-            candidates_m -= USUAL_CUT_M if cut_m is None else cut_m
-        return cls(low * CELL_M, _planes(candidates_m), has_ground)
+            candidates.append(_candidates(points_m))
+            tile_lows_m, is_open = _columns(points_m)
+            lows.append(tile_lows_m)
+            are_open.append(is_open)
+        ground = cls._through(np.concatenate(candidates))
+        share = ground._share_shown(np.concatenate(lows), np.concatenate(are_open))
+        if cut_m is None and share > GROUND_SHARE:
+            return ground
+        ground.planes[..., 0] -= USUAL_CUT_M if cut_m is None else cut_m
+        return replace(ground, has_ground=False)
 
     def heights_m(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """The height (n,) of the ground at positions (n, 2); NaN where there is none."""
@@ -107,6 +106,36 @@ class LocalGround:
         """(x, y) the angle between the ground and the level; NaN where there is no ground."""
         return np.asarray(np.rad2deg(np.arctan(np.hypot(self.planes[..., 1], self.planes[..., 2]))))
 
+    @classmethod
+    def _through(cls, candidates_m: NDArray[np.float64]) -> Self:
+        """The planes through candidates (n, 3), at most one in each cell."""
+        if not len(candidates_m):
+            return cls(np.zeros(2), np.full((1, 1, 3), np.nan), True)
+        cell = np.floor(candidates_m[:, :2] / CELL_M).astype(np.int64)
+        low = cell.min(axis=0) - REACH_CELLS
+        shape = cell.max(axis=0) - low + REACH_CELLS + 1
+        in_cell_m = np.full((*shape, 3), np.nan)
+        middles_m = (cell + 0.5) * CELL_M
+        in_cell_m[tuple((cell - low).T)] = candidates_m - np.pad(middles_m, [(0, 0), (0, 1)])
+        return cls(low * CELL_M, _planes(in_cell_m), True)
+
+    def _share_shown(self, lows_m: NDArray[np.float64], is_open: NDArray[np.bool_]) -> float:
+        """The share of columns that show the ground, in the median over the cells.
+
+        Columns are given by their lowest points (n, 3), and whether nothing stands just above.
+        """
+        off_m = lows_m[:, 2] - self.heights_m(lows_m[:, :2])
+        is_known = np.isfinite(off_m)
+        if not is_known.any():
+            return 0.0
+        cell = np.floor((lows_m[is_known, :2] - self.corner_m) / CELL_M).astype(np.int64)
+        number = cell @ (self.planes.shape[1], 1)
+        is_shown = (np.abs(off_m) < NEAR_GROUND_M) & is_open
+        columns = np.bincount(number)
+        shown = np.bincount(number, is_shown[is_known])
+        is_cell = columns >= FEWEST_POINTS
+        return float(np.median(shown[is_cell] / columns[is_cell])) if is_cell.any() else 0.0
+
     def _planes_at(
         self, xy_m: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -118,32 +147,38 @@ class LocalGround:
         return planes, xy_m - (self.corner_m + (cell + 0.5) * CELL_M)
 
 
-def _candidates(
-    points_m: NDArray[np.float64],
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Cells (c, 2) with a candidate (c,), and the share (c,) of their columns that have a point
-    near it, of those that have any point."""
+def _candidates(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The candidate (c, 3) of each cell with enough points (n, 3)."""
     cell = np.floor(points_m[:, :2] / CELL_M).astype(np.int64)
     order = np.lexsort((points_m[:, 2], cell[:, 1], cell[:, 0]))
-    cell, points_m = cell[order], points_m[order]
+    cell = cell[order]
     starts = np.flatnonzero(np.r_[True, (np.diff(cell, axis=0) != 0).any(axis=1)])
     counts = np.diff(np.r_[starts, len(cell)])
-    is_candidate = counts >= FEWEST_POINTS
-    starts, counts = starts[is_candidate], counts[is_candidate]
-    lows_m = points_m[starts + (counts * LOWEST_SHARE).astype(np.int64), 2]
-    shown = np.empty(len(starts))
-    for i, (start, count) in enumerate(zip(starts, counts, strict=True)):
-        part_m = points_m[start : start + count]
-        columns = np.floor(part_m[:, :2] / COLUMN_M).astype(np.int64) @ (1 << 20, 1)
-        is_near = part_m[:, 2] < lows_m[i] + NEAR_GROUND_M
-        shown[i] = len(np.unique(columns[is_near])) / len(np.unique(columns))
-    return cell[starts].reshape(-1, 2), lows_m, shown
+    starts, counts = starts[counts >= FEWEST_POINTS], counts[counts >= FEWEST_POINTS]
+    lowest = starts + (counts * LOWEST_SHARE).astype(np.int64)
+    return np.asarray(points_m[order[lowest]])
+
+
+def _columns(
+    points_m: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """The lowest point (c, 3) of each column with points (n, 3), and whether nothing stands just
+    above it (c,)."""
+    column = np.floor(points_m[:, :2] / COLUMN_M).astype(np.int64)
+    order = np.lexsort((points_m[:, 2], column[:, 1], column[:, 0]))
+    column, points_m = column[order], points_m[order]
+    starts = np.flatnonzero(np.r_[True, (np.diff(column, axis=0) != 0).any(axis=1)])
+    counts = np.diff(np.r_[starts, len(column)])
+    above_m = points_m[:, 2] - np.repeat(points_m[starts, 2], counts)
+    stands = (above_m > NEAR_GROUND_M) & (above_m < OPEN_M)
+    return points_m[starts], ~np.logical_or.reduceat(stands, starts)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _planes(candidates_m):  # type: ignore[no-untyped-def]
-    """The plane (x, y, 3) around each cell of candidates (x, y), by reweighted least squares."""
-    x_count, y_count = candidates_m.shape
+    """The plane (x, y, 3) around each cell of candidates (x, y, 3), each from the centre of its own
+    cell, by reweighted least squares."""
+    x_count, y_count, _ = candidates_m.shape
     planes = np.full((x_count, y_count, 3), np.nan)
     side = 2 * REACH_CELLS + 1
     x_m = np.empty(side * side)
@@ -155,10 +190,10 @@ def _planes(candidates_m):  # type: ignore[no-untyped-def]
             count = 0
             for a in range(max(0, i - REACH_CELLS), min(x_count, i + REACH_CELLS + 1)):
                 for b in range(max(0, j - REACH_CELLS), min(y_count, j + REACH_CELLS + 1)):
-                    if np.isfinite(candidates_m[a, b]):
-                        x_m[count] = (a - i) * CELL_M
-                        y_m[count] = (b - j) * CELL_M
-                        z_m[count] = candidates_m[a, b]
+                    if np.isfinite(candidates_m[a, b, 2]):
+                        x_m[count] = (a - i) * CELL_M + candidates_m[a, b, 0]
+                        y_m[count] = (b - j) * CELL_M + candidates_m[a, b, 1]
+                        z_m[count] = candidates_m[a, b, 2]
                         squares = (a - i) ** 2 + (b - j) ** 2
                         near[count] = np.exp(-squares / (2 * SD_CELLS**2))
                         count += 1
