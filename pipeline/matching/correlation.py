@@ -102,8 +102,10 @@ class WallMap:
         costs `see_through` of what a wall on a wall gains. The scores of `blocks` blocks are
         computed. The positions are at least `apart_m` apart.
         """
+        scan = np.where(self._is_in_reach, scan, 0)  # at no heading is a cell beyond the border
         walls, through = _cells(scan == WALL), _cells(scan == SEEN_THROUGH)
-        if not len(walls) or not len(self._strips):
+        strips, _ = self._strips
+        if not len(walls) or not len(strips):
             return Fits(np.empty((0, 2)), np.empty(0), np.empty(0))
         cell, heading_rad = self._rough_fits(scan, k, headings, see_through, blocks, apart_m)
         turns = (np.arange(FINE_HEADINGS) - FINE_HEADINGS // 2) * (2 * np.pi / headings / 2)
@@ -138,24 +140,26 @@ class WallMap:
 
         # Estimate all blocks at every second heading, from a sample of the cells if need be.
         rough_rad = _angles(headings)[::2]
-        most = MOST_SUMS // (len(self._strips) * len(rough_rad))
+        strips, has_candidate = self._strips
+        most = MOST_SUMS // (len(strips) * len(rough_rad))
         wall_sample, wall_share = _sampled(walls, max(most // 2, FEWEST_CELLS))
         through_sample, through_share = _sampled(through, max(most // 2, FEWEST_CELLS))
         highest, wall_counts = self._blocks
         estimates = _estimates(
             highest,
             wall_counts,
-            self._strips @ (self._coarse.shape[1] // BLOCK, 1),
+            strips @ (self._coarse.shape[1] // BLOCK, 1),
             self._offsets(_turned(wall_sample, rough_rad)),
             self._offsets(_turned(through_sample, rough_rad)),
             see_through * wall_share / through_share,
         )
 
         # Compute the best blocks, at the headings beside theirs too.
-        count = min(blocks, estimates.size)
+        estimates[:, ~has_candidate] = -np.inf
+        count = min(blocks, len(rough_rad) * int(has_candidate.sum()))
         chosen = np.argpartition(estimates.ravel(), -count)[-count:]
         rough, strip, lane = np.unravel_index(chosen, estimates.shape)
-        corner = (self._strips[strip] + np.column_stack([np.zeros_like(lane), lane])) * BLOCK
+        corner = (strips[strip] + np.column_stack([np.zeros_like(lane), lane])) * BLOCK
         angles = _angles(headings)
         heading = (2 * rough[:, None] + (-1, 0, 1)) % headings
         width = self._coarse.shape[1]
@@ -226,19 +230,29 @@ class WallMap:
         return np.asarray(((x_phase * BLOCK + y_phase) * x_count + x) * y_count + y)
 
     @cached_property
-    def _strips(self) -> NDArray[np.int64]:
-        """(strip, 2) the first block, along x and y, of each strip of blocks with candidates."""
+    def _strips(self) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """The strips of blocks with candidates: the first block (strip, 2) of each, along x and y,
+        and which of its blocks (strip, LANES) have candidates."""
         padded = self._padded(self.is_candidate)
         x, y = (size // (POOL * BLOCK) for size in padded.shape)
         squares = padded.reshape(x, POOL * BLOCK, y, POOL * BLOCK)
         has_candidate = np.asarray(squares.any(axis=(1, 3)))
-        strips = []
+        strips: list[tuple[int, int]] = []
         for row in np.flatnonzero(has_candidate.any(axis=1)).tolist():
             columns = np.flatnonzero(has_candidate[row])
             while len(columns):
-                strips.append((row, columns[0]))
+                strips.append((row, int(columns[0])))
                 columns = columns[columns >= columns[0] + LANES]
-        return np.array(strips, np.int64).reshape(-1, 2)
+        first = np.array(strips, np.int64).reshape(-1, 2)
+        lanes = first[:, 1:] + np.arange(LANES)
+        return first, np.asarray(has_candidate[first[:, :1], lanes])
+
+    @cached_property
+    def _is_in_reach(self) -> NDArray[np.bool_]:
+        """The cells (x, y) of a scan that walls nearer than `reach_cells` may lie in."""
+        side_cells = np.arange(2 * self.reach_cells) - self.reach_cells + 0.5
+        away_cells = np.hypot(side_cells[:, None], side_cells)
+        return np.asarray(away_cells <= self.reach_cells + np.sqrt(0.5))
 
 
 def _chart(is_wall: NDArray[np.bool_]) -> NDArray[np.uint8]:
@@ -279,7 +293,7 @@ def _words(cells: NDArray[np.uint8]) -> NDArray[np.uint64]:
 
 def _cells(is_one: NDArray[np.bool_]) -> NDArray[np.float64]:
     """The centres (n, 2), from the middle of the image, of the cells (x, y) that are True."""
-    return np.asarray(np.argwhere(is_one) - np.array(is_one.shape) // 2 + 0.5, np.float64)
+    return np.asarray(np.argwhere(is_one) - np.array(is_one.shape) / 2 + 0.5, np.float64)
 
 
 def _angles(headings: int) -> NDArray[np.float64]:
