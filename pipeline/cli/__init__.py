@@ -14,6 +14,7 @@ import typer
 from typer.core import TyperCommand
 from typer.main import get_command
 
+from pipeline.cli.calibrate import calibrate
 from pipeline.cli.data import fetch, inspect
 from pipeline.cli.example import example
 from pipeline.cli.failures import failures
@@ -58,7 +59,7 @@ GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "get data": (fetch, inspect, slam),
     "build": (use, repro, repair),
     "look": (results, methods, picture, failures),
-    "deploy": (pack, localize, watch, serve, update, export, kernels),
+    "deploy": (pack, calibrate, localize, watch, serve, update, export, kernels),
 }
 """The commands, in the order and under the headings of `yearloc --help`."""
 COMPLETION = "_YEARLOC_COMPLETE"

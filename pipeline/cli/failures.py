@@ -6,7 +6,7 @@ that it takes to localise in a place) that localises a log whose true poses are 
 """
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,6 +18,7 @@ from pipeline.cli.outputs import check_folder
 from pipeline.cli.project import named_model
 from pipeline.cli.scan_options import scan_options
 from pipeline.cli.summary import tell_left_out
+from pipeline.cli.update import POSES_OF_LOG, reference_poses
 from pipeline.core.errors import ConfigError, LogError
 
 if TYPE_CHECKING:  # at run time these would slow the start of every command
@@ -48,6 +49,17 @@ Out = Annotated[
 ]
 
 
+Poses = Annotated[
+    str | None,
+    typer.Option(
+        "--poses",
+        metavar="FILE",
+        help="Of a site: the true poses, a TUM trajectory or KITTI poses of one row a scan; by "
+        "default the log's own",
+    ),
+]
+
+
 @dataclass(frozen=True)
 class JudgedFixes:
     """The fixes of a log or of a study's test days, and the map that they lie in."""
@@ -57,13 +69,14 @@ class JudgedFixes:
     """The submaps of the map."""
     precision_text: str
     """The target precision of the verdicts, in words, for the heading of each picture."""
-    simulated: bool
+    notes: tuple[str, ...]
 
 
 def failures(
     of: SiteOrModel,
     log: LogOrDay = None,
     body_T_lidar: BodyTLidar = None,
+    poses: Poses = None,
     worst: Worst = 20,
     out: Out = Path("failures"),
     target_precision: TargetPrecision = 0.99,
@@ -76,12 +89,10 @@ def failures(
     if of.count("/") == 2 and not Path(of).exists():
         judged = _judged_of_study(of, log, target_precision)
     else:
-        judged = _judged_of_site(of, log, body_T_lidar, target_precision)
+        judged = _judged_of_site(of, log, poses, body_T_lidar, target_precision)
     misjudged_fixes = failed(judged.fixes)
     out.mkdir(parents=True, exist_ok=True)
-    heading_end = (
-        f"{judged.precision_text}, simulated" if judged.simulated else judged.precision_text
-    )
+    heading_end = ", ".join((judged.precision_text, *judged.notes))
     for number, fix in enumerate(misjudged_fixes[:worst], start=1):
         draw(judged.targets, fix, out / f"{number:03d}_{fix.file_name}", heading_end)
     n_accepted_wrong = sum(fix.accepted for fix in misjudged_fixes)
@@ -93,13 +104,18 @@ def failures(
 
 
 def _judged_of_site(
-    name: str, log: str | None, body_T_lidar: str | None, target_precision: float | None
+    name: str,
+    log: str | None,
+    poses: str | None,
+    body_T_lidar: str | None,
+    target_precision: float | None,
 ) -> JudgedFixes:
     """Localise the scans of a log that have a true pose by a site file."""
     import numpy as np
 
     from pipeline.online.failures import of_log
     from pipeline.online.site import Site
+    from pipeline.online.site_json import notes
 
     site = Site.open(Path(name), level=False)
     site.check(target_precision)
@@ -108,12 +124,18 @@ def _judged_of_site(
     if log is None:
         raise ConfigError(f"{name} is a site: say which log, `yearloc failures {name} LOG`")
     skipped: Counter[str] = Counter()
-    scans = [scan for scan in options.scans(log, skipped) if np.isfinite(scan.world_T_scan).all()]
+    scans = list(options.scans(log, skipped))
     tell_left_out(skipped)
+    world_T_scan = reference_poses(poses or POSES_OF_LOG, scans)
+    scans = [
+        replace(scan, world_T_scan=pose)
+        for scan, pose in zip(scans, world_T_scan, strict=True)
+        if np.isfinite(pose).all()
+    ]
     if not scans:
         raise LogError(
-            f"{log}: no scan with a true pose: a log that the reader of this site's data set "
-            "opens has them"
+            f"{log}: no scan with a true pose: give --poses, or a log that the reader of this "
+            "site's data set opens"
         )
     fixes = [site.localize(scan.points(), target_precision) for scan in scans]
     precision_text = "no pose is accepted"
@@ -124,7 +146,7 @@ def _judged_of_site(
             f"rejected from {pose_threshold:.3f} on (target precision {target_precision:g})"
         )
     return JudgedFixes(
-        list(of_log(scans, fixes)), site.targets, precision_text, site.description.simulated
+        list(of_log(scans, fixes)), site.targets, precision_text, notes(site.description)
     )
 
 
@@ -157,7 +179,7 @@ def _judged_of_study(name: str, day: str | None, target_precision: float | None)
         "no pose is accepted"
         if target_precision is None
         else f"target precision {target_precision:g}",
-        study.simulated,
+        ("simulated",) if study.simulated else (),
     )
 
 

@@ -98,6 +98,7 @@ def localize(
         from pipeline.online.localized import localized, tracker_of
         from pipeline.online.outputs import writer
         from pipeline.online.site import Site
+        from pipeline.posing.map_verdict import NOT_CALIBRATED
 
     output_format = only_one({"json": json, "csv": csv, "tum": tum, "mcap": mcap}) or "text"
     only_one({"lift": lift, "body-T-lidar": body_T_lidar})
@@ -132,6 +133,12 @@ def localize(
     summary.tell()
     if site.description.simulated:
         print("the site is simulated, not recorded", file=sys.stderr)
+    if target_precision in site.description.verdict.usual:
+        print(
+            f"{NOT_CALIBRATED}: poses are accepted by the usual probabilities, learned elsewhere; "
+            f"`yearloc calibrate {path} LOG` learns them from a drive",
+            file=sys.stderr,
+        )
 
 
 @contextmanager

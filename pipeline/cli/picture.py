@@ -130,8 +130,7 @@ def draw_level_drive(
     ]
     if not drive:
         raise LogError(broken[0] if broken else f"{log}: no scan there")
-    simulated = ", simulated" if site.description.simulated else ""
-    title = f"{site.name}{simulated}: {Path(log).name}"
+    title = f"{site.title}: {Path(log).name}"
     frame_count, size_bytes = level_plan.write(site.level_map, drive, title, out, Bar())
     n_accepted = sum(seen.fix.verdict == "accepted" for seen in drive)
     return (

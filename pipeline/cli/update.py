@@ -22,6 +22,7 @@ from pipeline.core.errors import ConfigError
 if TYPE_CHECKING:  # at run time these would slow the start of every command
     from collections.abc import Sequence
 
+    from pipeline.core.frames import Poses
     from pipeline.lifelong.pseudo_labels import PseudoLabels
     from pipeline.lifelong.update import Update
     from pipeline.online.inputs import Scan
@@ -53,8 +54,8 @@ ReferencePoses = Annotated[
     typer.Option(
         "--poses",
         metavar="FILE",
-        help="Learn scans at the reference poses of this TUM trajectory, or with the word log at "
-        "the log's own poses; by default at the site's own fixes",
+        help="Learn scans at these reference poses: a TUM trajectory, KITTI poses of one row a "
+        "scan, or the word log for the log's own; by default at the site's own fixes",
     ),
 ]
 LearnedTargetPrecision = Annotated[
@@ -122,18 +123,30 @@ def _pseudo_labels(
     they are the site's own fixes that reach the target precision. Raises NoPseudoLabelsError if no
     scan has such a pose.
     """
-    from pipeline.core.frames import Trajectory
     from pipeline.lifelong import pseudo_labels
-    from pipeline.readers.folder import read_tum
 
     if not poses:
         return pseudo_labels.from_site(site, scans, target_precision)
+    return pseudo_labels.with_reference_poses(scans, reference_poses(poses, scans))
+
+
+def reference_poses(poses: str, scans: "Sequence[Scan]") -> "Poses":
+    """The reference poses (scan, 4, 4) of scans that `--poses` names; NaN where there is none.
+
+    It is a TUM trajectory, whose stamps are those of the scans; KITTI poses, of one row a scan; or
+    the word log for the log's own true poses.
+    """
+    from pipeline.core.frames import Trajectory
+    from pipeline.lifelong.pseudo_labels import own_poses, poses_at
+    from pipeline.readers.folder import read_pose_rows, read_tum
+
     if poses == POSES_OF_LOG:
-        return pseudo_labels.with_reference_poses(scans)
+        return own_poses(scans)
+    rows = read_pose_rows(Path(poses), len(scans))
+    if rows is not None:
+        return rows
     stamps_ns, world_T_body = read_tum(Path(poses))
-    return pseudo_labels.with_reference_poses(
-        scans, Trajectory(stamps_ns, world_T_body, REFERENCE_GAP_S)
-    )
+    return poses_at(scans, Trajectory(stamps_ns, world_T_body, REFERENCE_GAP_S))
 
 
 def _write(out: Path, path: Path, log: str, site: "Site", parts: "Parts", update: "Update") -> None:

@@ -7,16 +7,16 @@ thresholds (METHODS 13.4).
 
 from pipeline.core.frames import LEVEL_RIGHT_WITHIN
 from pipeline.level.fix import SCALES, LevelFix
-from pipeline.matching.rejection import ACCEPT_NOTHING, threshold_for
+from pipeline.matching.rejection import ACCEPT_NOTHING
 from pipeline.posing.probabilities import HypothesisModel
 from pipeline.posing.verdict import (
-    CLAIMS,
     TARGET_PRECISIONS,
     ClaimThresholds,
     FixEvidence,
     Judge,
     Tolerances,
     Verdict,
+    tested,
 )
 
 OF_SWEEPS = Tolerances(
@@ -49,27 +49,7 @@ def verdict_of(evidence: FixEvidence[LevelFix], unseen_share: float) -> Verdict:
     Each threshold is the usual one, or a lower one if the usual one misses the target precision on
     the evidence.
     """
-    error_probabilities, is_true = evidence.judged(USUAL)
-    weight = evidence.weight(unseen_share)
-    thresholds = {}
-    for claim, of_claim, is_true_of_claim in zip(
-        CLAIMS, error_probabilities.T, is_true.T, strict=True
-    ):
-        thresholds_of_claim = []
-        for target_precision, usual_threshold in zip(
-            TARGET_PRECISIONS, USUAL_THRESHOLDS[claim], strict=True
-        ):
-            accepted = of_claim < usual_threshold
-            wrong = float(weight[accepted & ~is_true_of_claim].sum())
-            is_reached = wrong <= (1 - target_precision) * float(weight[accepted].sum())
-            lower = threshold_for(
-                target_precision,
-                of_claim[accepted],
-                is_true_of_claim[accepted],
-                weight[accepted],
-            )
-            thresholds_of_claim.append(usual_threshold if is_reached else lower)
-        thresholds[claim] = tuple(thresholds_of_claim)
+    thresholds = tested(USUAL_THRESHOLDS, USUAL, evidence, unseen_share)
     return Verdict(
         USUAL.pose, USUAL.place, TARGET_PRECISIONS, thresholds, evidence.blocks, unseen_share
     )

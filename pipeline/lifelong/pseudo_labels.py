@@ -90,20 +90,26 @@ def from_site(
     return spaced_labels(scans, poses, probability, False, "no fix is accepted")
 
 
-def with_reference_poses(scans: Sequence[Scan], poses: Trajectory | None = None) -> PseudoLabels:
-    """Label the scans of a drive by reference poses.
+def with_reference_poses(scans: Sequence[Scan], world_T_scan: Poses) -> PseudoLabels:
+    """Label the scans of a drive by reference poses (scan, 4, 4), NaN where there is none.
 
-    These are `poses` at the stamps of the scans, or the log's own true poses. Raises
-    NoPseudoLabelsError if no scan has a reference pose.
+    Raises NoPseudoLabelsError if no scan has a reference pose.
     """
-    if poses is None:
-        world_T_scan = np.array([scan.world_T_scan for scan in scans]).reshape(-1, 4, 4)
-    else:
-        # no reference has a pose at −1
-        stamps_ns = [-1 if scan.stamp_ns is None else scan.stamp_ns for scan in scans]
-        world_T_scan, _ = poses.at(np.array(stamps_ns, np.int64))
     probability = np.ones(len(scans))
     return spaced_labels(scans, world_T_scan, probability, True, "the reference poses cover none")
+
+
+def own_poses(scans: Sequence[Scan]) -> Poses:
+    """The log's own true poses (scan, 4, 4) of its scans; NaN where unknown."""
+    return np.array([scan.world_T_scan for scan in scans]).reshape(-1, 4, 4)
+
+
+def poses_at(scans: Sequence[Scan], poses: Trajectory) -> Poses:
+    """The poses (scan, 4, 4) of a trajectory at the stamps of scans; NaN where it has none."""
+    # no reference has a pose at −1
+    stamps_ns = [-1 if scan.stamp_ns is None else scan.stamp_ns for scan in scans]
+    world_T_scan, _ = poses.at(np.array(stamps_ns, np.int64))
+    return world_T_scan
 
 
 def followed(site: Site, scans: Sequence[Scan], target_precision: float | None) -> list[Fix]:
@@ -129,13 +135,25 @@ def bridge(poses: Poses, probability: NDArray[np.float64], odom_T_scan: Poses) -
     for first, last in zip(posed_rows[:-1].tolist(), posed_rows[1:].tolist(), strict=True):
         if last - first < 2:
             continue
-        world_T_odom = poses[first] @ np.linalg.inv(odom_T_scan[first])
-        by_odometry = world_T_odom @ odom_T_scan[first : last + 1]
-        is_near_enough = OF_SCANS.right(by_odometry[-1:], poses[last][None])[0]
-        if np.isfinite(by_odometry).all() and is_near_enough:
+        path = bridged(poses[first], poses[last], odom_T_scan[first : last + 1])
+        if path is not None:
             between = slice(first + 1, last)
-            poses[between] = _corrected(by_odometry, poses[last])[1:-1]
+            poses[between] = path[1:-1]
             probability[between] = min(probability[first], probability[last])
+
+
+def bridged(
+    first: NDArray[np.float64], last: NDArray[np.float64], odom_T_scan: Poses
+) -> Poses | None:
+    """The path (n, 4, 4) by odometry (n, 4, 4) from one pose (4, 4) to another.
+
+    It is None if odometry misses the last pose by more than 2 m or 5°. A smaller difference is
+    spread over the path.
+    """
+    by_odometry = first @ np.linalg.inv(odom_T_scan[0]) @ odom_T_scan
+    if not np.isfinite(by_odometry).all() or not OF_SCANS.right(by_odometry[-1:], last[None])[0]:
+        return None
+    return _corrected(by_odometry, last)
 
 
 def _corrected(path: Poses, last: Poses) -> Poses:

@@ -12,7 +12,9 @@ from pipeline.online.site_json import (
     Sensor,
     Settings,
     SiteDescription,
+    notes,
 )
+from pipeline.posing.map_verdict import NOT_CALIBRATED
 from pipeline.posing.verdict import Verdict
 
 
@@ -39,18 +41,21 @@ def _site(path: Path, parts: Parts) -> Inspection:
     method = f"{_class_name(description.method)} on {_class_name(description.view)} views"
     if network is not None:
         method += ", through ONNX Runtime"
-    submaps = f"{len(anchors):,} submaps, {len(arrays['points']) / 1e6:.1f} M points"
+    kind = "cut-outs" if description.map.is_tiled else "submaps"
+    submaps = f"{len(anchors):,} {kind}, {len(arrays['points']) / 1e6:.1f} M points"
     inspection.kind = f"site {_site_name(description)}"
     inspection.add(
         "",
         ("size", f"{nbytes(path.stat().st_size)}; model {model_size}"),
         ("method", method),
-        ("learned on", ", then ".join(days)),
+        ("made of" if description.map.is_tiled else "learned on", ", then ".join(days)),
         ("map", f"{submaps} within {description.map.range_m:g} m"),
         ("places", f"{len(arrays['cells']):,} cells of {description.places.cell_m:g} m"),
         ("box", box(anchors[:, :3, 3], "xyz", 0)),
     )
     title = f"target precisions of a pose, by {verdict.validation_blocks} validation blocks"
+    if provenance.calibrated_on:
+        title += f" of {provenance.calibrated_on}"
     title += first_day_words(description)
     title += f"; a share {verdict.unseen_share:g} of the queries is expected to be unseen"
     inspection.add(title, *_target_rows(verdict))
@@ -103,8 +108,8 @@ def first_day_words(description: SiteDescription) -> str:
 
 
 def _site_name(description: LevelDescription | SiteDescription) -> str:
-    """The name of a site, and whether its world is simulated."""
-    return f"{description.name}{', of a simulated world' if description.simulated else ''}"
+    """The name of a site, and what must be said of it."""
+    return ", ".join((description.name, *notes(description)))
 
 
 def _class_name(settings: Settings) -> str:
@@ -123,6 +128,8 @@ def _target_rows(verdict: Verdict) -> list[tuple[str, str]]:
         accepted = "cannot be reached: too few validation blocks, or too many wrong fixes"
         if threshold > 0:
             accepted = f"fixes with a novelty below {float(threshold):.3g}"
+            if target_precision in verdict.usual:
+                accepted += f", by the usual probabilities: {NOT_CALIBRATED}"
         rows.append((f"{target_precision:g}", accepted))
     return rows
 

@@ -25,7 +25,6 @@ from pipeline.mapping.local_ground import LocalGround
 from pipeline.mapping.tiled_map import GRAIN_M, Thinning, TiledMap
 from pipeline.matching.correlation import WallMap
 from pipeline.matching.database import Database
-from pipeline.matching.rejection import ACCEPT_NOTHING
 from pipeline.methods.bev_correlation import BevCorrelation, drawn_map, model_arrays
 from pipeline.online import site_file
 from pipeline.online.level_pack import LEVEL_VERSIONS
@@ -35,7 +34,7 @@ from pipeline.online.site_json import MapSettings, Provenance, Sensor, Settings,
 from pipeline.opening.map_files import MapFiles
 from pipeline.posing.cut_outs import SPACING_M
 from pipeline.posing.expectations import Expectations
-from pipeline.posing.verdict import CLAIMS, TARGET_PRECISIONS, USUAL, Verdict
+from pipeline.posing.map_verdict import NOT_CALIBRATED, usual_verdict
 from pipeline.views.walls import Walls as WallView
 
 VOXEL_M = 0.4
@@ -48,13 +47,8 @@ NEAR_M = 20.0
 """A scan may have been taken this near to a point of the map."""
 PLACE_M = 10.0
 """Side of a place."""
-UNSEEN_SHARE = 0.2
-"""The expected share of queries from places that the map does not have."""
 K = 25
 """Number of positions that the search ranks."""
-USUAL_THRESHOLDS = (0.05, 0.01, ACCEPT_NOTHING)
-"""For each of TARGET_PRECISIONS, the error probability from which on a claim is rejected: what the
-usual probabilities say themselves. Without a drive in this map, nothing says .999."""
 WIDEST_M2 = 4e8
 """A map with a larger box has stray points, or should be packed in parts."""
 FEWEST_VOXELS = 20
@@ -107,7 +101,7 @@ def pack_map(
         *lines,
         f"{out}: {places:,} places of {PLACE_M:g} m, {size}; target precisions "
         f"{', '.join(map(str, parts.description.verdict.reachable))} by the usual probabilities, "
-        f"not calibrated on this map: `yearloc calibrate {out} LOG` learns them from a drive",
+        f"{NOT_CALIBRATED}: `yearloc calibrate {out} LOG` learns them from a drive",
     ]
 
 
@@ -171,12 +165,6 @@ def parts_of_map(
     }
     model = {**model_arrays(drawn), **database.arrays()}
     return Parts(description, model, arrays, None), _lines(tiled, ground, anchors, strays)
-
-
-def usual_verdict() -> Verdict:
-    """The verdict of a map in which nobody has driven yet."""
-    thresholds = dict.fromkeys(CLAIMS, USUAL_THRESHOLDS)
-    return Verdict(USUAL.pose, USUAL.place, TARGET_PRECISIONS, thresholds, 0, UNSEEN_SHARE)
 
 
 def _refuse_size(name: str, tiled: TiledMap) -> None:

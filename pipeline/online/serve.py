@@ -28,6 +28,7 @@ from pipeline.online.bodies import CDR, FLOATS, LARGEST_BYTES, points
 from pipeline.online.inputs import NO_POSE, Scan, placement
 from pipeline.online.outputs import record
 from pipeline.online.site import Fix, Site
+from pipeline.online.site_json import notes
 from pipeline.readers.log import raised
 
 FORM = "application/x-www-form-urlencoded"
@@ -141,6 +142,7 @@ def serving(path: Path, token: str = "") -> FastAPI:
     async def healthz() -> dict[str, Any]:
         return {
             "site": site.name,
+            "notes": [*notes(site.description)],
             "target_precisions": [*site.target_precisions],
             "waiting": MOST_WAITING - waiting._value,
             "unlike": sensor_warnings,

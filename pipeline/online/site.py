@@ -30,7 +30,7 @@ from pipeline.networks.plain import Plain
 from pipeline.online.motion import Drive, ScanDrive
 from pipeline.online.runtime import exported, localizer
 from pipeline.online.site_file import Arrays, LevelParts, Parts, read, read_either
-from pipeline.online.site_json import SiteDescription
+from pipeline.online.site_json import SiteDescription, notes
 from pipeline.posing.cut_outs import CutOuts
 from pipeline.posing.expectations import Expectations
 from pipeline.posing.fix import ScanFix as Registered
@@ -198,14 +198,14 @@ class Site:
         return cls(parts_of_points(points_m, name, MapOptions()), threads)
 
     @property
-    def is_calibrated(self) -> bool:
-        """Whether its thresholds were learned from scans in its own map."""
-        return self.description.verdict.validation_blocks > 0
+    def name(self) -> str:
+        """STUDY/GRID/MODEL of the model that was packed; of a map, its name."""
+        return self.description.name
 
     @property
-    def name(self) -> str:
-        """STUDY/GRID/MODEL of the model that was packed; for a level site, the name of its map."""
-        return self.description.name
+    def title(self) -> str:
+        """The name, and what must be said of the site: simulated, not calibrated on this map."""
+        return ", ".join((self.name, *notes(self.description)))
 
     def check(self, target_precision: float | None) -> None:
         """Raise InputError for a target precision that the site has no threshold for."""

@@ -8,6 +8,7 @@ from typing import Any, Self
 
 from pipeline.core.grid import Grid
 from pipeline.level.fix import LevelFixer
+from pipeline.posing.map_verdict import NOT_CALIBRATED
 from pipeline.posing.verdict import Verdict
 
 VERSION = 6
@@ -66,6 +67,9 @@ class Provenance:
     """DVC's digest of each artifact; None if it is unknown."""
     versions: Mapping[str, str]
     """The version of each package."""
+    calibrated_on: str | None = None
+    """The drive that its verdict was learned from; None if that is the training sequence, or if the
+    verdict is the usual one of maps."""
 
     @classmethod
     def of(cls, train: str, md5: Mapping[str, str | None], packages: Sequence[str]) -> Self:
@@ -152,3 +156,12 @@ class LevelDescription:
     """The reader of the logs that are localised in it."""
     sensor: Sensor
     provenance: Provenance
+
+
+def notes(description: SiteDescription | LevelDescription) -> tuple[str, ...]:
+    """What is said of a site wherever its results are shown: it is simulated, or not calibrated."""
+    words = ["simulated"] if description.simulated else []
+    if usual := description.verdict.usual:
+        at = "" if usual == description.verdict.reachable else f" at {', '.join(map(str, usual))}"
+        words.append(f"{NOT_CALIBRATED}{at}")
+    return tuple(words)

@@ -55,7 +55,7 @@ class Recording(ExitStack):
         self._site = site
         self._fixes_m: dict[str, list[NDArray[np.float64]]] = {word: [] for word in COLOURS}
         self._origin_m = origin(site)
-        self._title = f"{site.name}{', simulated' if site.description.simulated else ''}"
+        self._title = site.title
         if self._origin_m.any():
             self._title += f", from x {self._origin_m[0]:.0f} m, y {self._origin_m[1]:.0f} m"
         self._least_probability = None

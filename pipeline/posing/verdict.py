@@ -134,6 +134,9 @@ class Verdict:
     """The number of validation blocks of the training day that the thresholds were learned from."""
     unseen_share: float
     """The expected share of queries where training never went."""
+    usual: tuple[float, ...] = ()
+    """The target precisions whose thresholds are those of all maps: this map's own validation
+    blocks are too few, or none, to learn them."""
 
     @property
     def reachable(self) -> tuple[float, ...]:
@@ -273,6 +276,41 @@ class FixEvidence(Generic[FixT_co]):
         return Verdict(
             judge.pose, judge.place, TARGET_PRECISIONS, thresholds, self.blocks, unseen_share
         )
+
+
+def tested(
+    usual_thresholds: ClaimThresholds,
+    judge: Judge,
+    evidence: FixEvidence[FixT_co],
+    unseen_share: float,
+) -> ClaimThresholds:
+    """The usual thresholds of all maps, tested on the evidence of one of them.
+
+    Each threshold is the usual one, or a lower one if the usual one misses the target precision on
+    the evidence.
+    """
+    error_probabilities, is_true = evidence.judged(judge)
+    weight = evidence.weight(unseen_share)
+    thresholds = {}
+    for claim, of_claim, is_true_of_claim in zip(
+        CLAIMS, error_probabilities.T, is_true.T, strict=True
+    ):
+        thresholds_of_claim = []
+        for target_precision, usual_threshold in zip(
+            TARGET_PRECISIONS, usual_thresholds[claim], strict=True
+        ):
+            accepted = of_claim < usual_threshold
+            wrong = float(weight[accepted & ~is_true_of_claim].sum())
+            is_reached = wrong <= (1 - target_precision) * float(weight[accepted].sum())
+            lower = threshold_for(
+                target_precision,
+                of_claim[accepted],
+                is_true_of_claim[accepted],
+                weight[accepted],
+            )
+            thresholds_of_claim.append(usual_threshold if is_reached else lower)
+        thresholds[claim] = tuple(thresholds_of_claim)
+    return thresholds
 
 
 def middle(error_probabilities: NDArray[np.float64], threshold: float) -> float:

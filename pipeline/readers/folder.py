@@ -285,6 +285,26 @@ def read_tum(path: Path) -> tuple[Stamps, Poses]:
     return stamps_ns, from_quaternions(path, rows)
 
 
+def read_pose_rows(path: Path, count: int) -> Poses | None:
+    """Poses (count, 4, 4) of a file of one row a scan, the 12 numbers of KITTI, NaN where unknown.
+
+    It is None if the first row has not 12 numbers. Raises LogError for another count of rows, and
+    for a row that is not 12 numbers.
+    """
+    text = log.read_bytes(path, 1, "bytes").decode("utf-8-sig", "replace")
+    rows = [words for line in text.splitlines() if (words := line.split("#")[0].split())]
+    if not rows or len(rows[0]) != 12:
+        return None
+    if len(rows) != count:
+        raise LogError(f"{path}: {len(rows)} rows of poses for {count} scans; expected one a scan")
+    try:
+        numbers = np.array([[float(word) for word in words] for words in rows])
+    except ValueError:
+        raise LogError(f"{path}: expected 12 numbers in each row, as KITTI's poses have") from None
+    poses: Poses = kitti.to_poses(numbers)
+    return poses
+
+
 def from_quaternions(path: Path, rows: NDArray[np.float64]) -> Poses:
     """Poses (n, 4, 4) from rows (n, 7) of x y z in metres and qx qy qz qw.
 

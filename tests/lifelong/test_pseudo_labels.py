@@ -7,7 +7,14 @@ import pytest
 
 from pipeline.core.errors import LogError
 from pipeline.core.frames import Trajectory
-from pipeline.lifelong.pseudo_labels import PseudoLabels, bridge, from_site, with_reference_poses
+from pipeline.lifelong.pseudo_labels import (
+    PseudoLabels,
+    bridge,
+    from_site,
+    own_poses,
+    poses_at,
+    with_reference_poses,
+)
 from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.site import Site
 from tests.online.made import ANCHORS, packed
@@ -62,13 +69,13 @@ def test_a_day_without_an_accepted_fix_is_refused(site: Site) -> None:
 def test_poses_are_those_of_a_reference_at_the_stamps_or_the_logs_own() -> None:
     drive = [scan(x) for x in (0.0, 1.0, 2.0)]
     poses = Trajectory(np.array([0, 10**9]), np.array([planar(50, 0, 0), planar(51, 0, 0)]), 1.0)
-    labels = with_reference_poses(drive, poses)
+    labels = with_reference_poses(drive, poses_at(drive, poses))
     assert labels.world_T_scan[:, 0, 3].tolist() == [50, 51]
     assert labels.has_reference_poses
     assert labels.scan_count == 3
-    assert xs(with_reference_poses(drive)) == [0, 1, 2]
+    assert xs(with_reference_poses(drive, own_poses(drive))) == [0, 1, 2]
     with pytest.raises(LogError, match="the reference poses cover none"):
-        with_reference_poses([scan(0, ground_truth=False)])
+        with_reference_poses(drive[:1], np.array([NO_POSE]))
 
 
 def test_the_error_of_odometry_is_spread_over_the_gap() -> None:

@@ -328,4 +328,4 @@ def test_a_training_day_of_level_sweeps_is_packed(tmp_path: Path, yearloc: Comma
     place = (16.0, 6.0, 2.0)
     fix = site.localize(sweep(*place), target_precision=None)
     assert np.linalg.norm(fix.world_T_sensor[:2, 3] - place[:2]) < 0.06
-    assert "level site hall/10m/sci, of a simulated world" in yearloc.run("inspect", out)[0]
+    assert "level site hall/10m/sci, simulated" in yearloc.run("inspect", out)[0]

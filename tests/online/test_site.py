@@ -190,7 +190,7 @@ def test_a_damaged_site_is_opened_as_it_was_or_refused(
 
 def test_a_description_says_what_a_site_holds_and_target_precisions(three_places: Path) -> None:
     text = describe(three_places).text()
-    assert "site three/10m/scan_context, of a simulated world" in text
+    assert "site three/10m/scan_context, simulated" in text
     assert "3 cells of 10 m" in text
     assert "fixes with a novelty below 0.1" in text
     assert "cannot be reached" in text  # .999

@@ -1,0 +1,71 @@
+"""The verdict on fixes in a 3-D map that nobody drove for us (METHODS 15).
+
+Without a drive in the map, probabilities and thresholds are the usual ones. Scans drawn from the
+map itself teach nothing: they fit it far better than a real scan some months later. `calibrated`
+learns from the fixes of a real drive.
+"""
+
+from dataclasses import replace
+
+from pipeline.matching.rejection import ACCEPT_NOTHING
+from pipeline.posing.fix import ScanFix
+from pipeline.posing.verdict import (
+    CLAIMS,
+    TARGET_PRECISIONS,
+    USUAL,
+    ClaimThresholds,
+    FixEvidence,
+    Verdict,
+    tested,
+)
+
+UNSEEN_SHARE = 0.2
+"""The expected share of queries from places that the map does not have."""
+USUAL_THRESHOLDS: ClaimThresholds = dict.fromkeys(CLAIMS, (0.05, 0.01, ACCEPT_NOTHING))
+"""For each of CLAIMS and of TARGET_PRECISIONS, the error probability from which on the claim is
+rejected: one minus the target precision. Probabilities learned elsewhere say nothing of .999."""
+NOT_CALIBRATED = "not calibrated on this map"
+
+
+def usual_verdict() -> Verdict:
+    """The verdict of a map in which nobody has driven yet."""
+    usual = tuple(
+        target_precision
+        for target_precision, threshold in zip(
+            TARGET_PRECISIONS, USUAL_THRESHOLDS["fix"], strict=True
+        )
+        if threshold > 0
+    )
+    return Verdict(
+        USUAL.pose, USUAL.place, TARGET_PRECISIONS, USUAL_THRESHOLDS, 0, UNSEEN_SHARE, usual
+    )
+
+
+def calibrated(evidence: FixEvidence[ScanFix]) -> Verdict:
+    """The verdict that the fixes of a drive teach.
+
+    The probabilities are learned, starting from the usual ones. The thresholds of a target
+    precision are learned if the validation blocks are enough; otherwise they are the usual ones,
+    lowered where the drive contradicts them.
+    """
+    verdict = evidence.verdict(UNSEEN_SHARE)
+    judge = replace(USUAL, pose=verdict.pose, place=verdict.place)
+    usual_thresholds = tested(USUAL_THRESHOLDS, judge, evidence, UNSEEN_SHARE)
+    is_learned = [threshold > 0 for threshold in verdict.claim_thresholds["fix"]]
+    thresholds = {
+        claim: tuple(
+            learned if learned_too else usual
+            for learned, usual, learned_too in zip(
+                verdict.claim_thresholds[claim], usual_thresholds[claim], is_learned, strict=True
+            )
+        )
+        for claim in CLAIMS
+    }
+    usual = tuple(
+        target_precision
+        for target_precision, learned_too, threshold in zip(
+            TARGET_PRECISIONS, is_learned, thresholds["fix"], strict=True
+        )
+        if not learned_too and threshold > 0
+    )
+    return replace(verdict, claim_thresholds=thresholds, usual=usual)
