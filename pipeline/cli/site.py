@@ -114,8 +114,15 @@ def map_options(like: list[Path], cell_m: float | None, origin: str | None) -> "
         if not all(map(math.isfinite, (x_m, y_m, z_m))):
             raise ConfigError(f"--origin {origin:.60}: expected finite numbers")
         origin_m = (x_m, y_m, z_m)
-    scans = tuple(finite(points_of_file(path)) for path in like)
-    return MapOptions(origin_m, VOXEL_M if cell_m is None else cell_m, scans)
+    scans = []
+    for path in like:
+        if not path.is_file():
+            raise ConfigError(f"--like {path}: no such scan")
+        points_m = finite(points_of_file(path))
+        if not len(points_m):
+            raise ConfigError(f"--like {path}: it has no finite point; name another scan")
+        scans.append(points_m)
+    return MapOptions(origin_m, VOXEL_M if cell_m is None else cell_m, tuple(scans))
 
 
 def export(

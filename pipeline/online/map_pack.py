@@ -22,7 +22,8 @@ from pipeline.core.frames import Poses
 from pipeline.core.grid import Grid
 from pipeline.core.progress import Progress
 from pipeline.mapping.local_ground import LocalGround
-from pipeline.mapping.tiled_map import GRAIN_M, Thinning, TiledMap
+from pipeline.mapping.no_map import hidden_share, upward_axis
+from pipeline.mapping.tiled_map import GRAIN_M, TILE_M, Thinning, TiledMap
 from pipeline.matching.correlation import WallMap
 from pipeline.matching.database import Database
 from pipeline.methods.bev_correlation import BevCorrelation, drawn_map, model_arrays
@@ -31,7 +32,7 @@ from pipeline.online.level_pack import LEVEL_VERSIONS
 from pipeline.online.sensor import typical
 from pipeline.online.site_file import Parts
 from pipeline.online.site_json import MapSettings, Provenance, Sensor, Settings, SiteDescription
-from pipeline.opening.map_files import MapFiles
+from pipeline.opening.map_files import FARTHEST_M, MapFiles
 from pipeline.posing.cut_outs import SPACING_M
 from pipeline.posing.expectations import Expectations
 from pipeline.posing.map_verdict import NOT_CALIBRATED, usual_verdict
@@ -55,6 +56,13 @@ FEWEST_VOXELS = 20
 """A tile with fewer voxels holds stray points; it is left out."""
 SPARSE_M2 = 200.0
 """A map whose points are all within so small an area is a scan."""
+MOST_OF_A_SCAN = 200_000
+"""A scan has no more voxels."""
+LEAST_HIDDEN = 0.13
+"""At least this share of a map's points is hidden behind others, seen from its origin: at most
+.11 of a recorded scan, .15 of a map of the first 50 m of a drive, .5 and more of larger maps."""
+AXES_M = 100.0
+"""The points this near to the fullest tile tell a map's axes."""
 METHOD = "pipeline.methods.bev_correlation.BevCorrelation"
 VIEW = "pipeline.views.walls.Walls"
 FIXER: Settings = {
@@ -114,7 +122,7 @@ def parts_of_points(points_m: NDArray[np.floating], name: str, options: MapOptio
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"points of shape {points.shape}: expected (n, 3), in metres")
     thinning = Thinning(options.voxel_m)
-    thinning.add(points[np.isfinite(points).all(axis=1)] - options.origin_m)
+    thinning.add(points[(np.abs(points) < FARTHEST_M).all(axis=1)] - options.origin_m)
     parts, _ = parts_of_map(thinning.tiled(), name, {"map": None}, options, Progress())
     return parts
 
@@ -129,10 +137,13 @@ def parts_of_map(
     """The content of the site of a tiled map, and lines on the map."""
     tiled, strays = tiled.without_strays(FEWEST_VOXELS)
     _refuse_size(name, tiled)
+    _refuse_scan(name, tiled, options.origin_m)
     cut_m = _cut_m(options.like)
     ground = LocalGround.of(
         progress.track(tiled.tiles_m(), len(tiled), "fit the ground"), cut_m=cut_m
     )
+    if not ground.has_ground:
+        _refuse_axes(name, tiled)
     drawn = _drawn(progress.track(tiled.tiles_m(), len(tiled), "draw the walls"), ground)
     anchors = _anchors(drawn, ground)
     if not len(anchors) or not drawn.counts.any():
@@ -168,7 +179,7 @@ def parts_of_map(
 
 
 def _refuse_size(name: str, tiled: TiledMap) -> None:
-    """Raise InputError for a single scan, and for a map whose box is too large to draw."""
+    """Raise InputError for strays, for an object, and for a map whose box is too large to draw."""
     if not len(tiled):
         raise InputError(f"{name}: its points are strays, fewer than {FEWEST_VOXELS} in each tile")
     low_m, high_m = tiled.box_m
@@ -182,6 +193,30 @@ def _refuse_size(name: str, tiled: TiledMap) -> None:
         raise InputError(
             f"{name}: its points lie within {x_m:.0f} × {y_m:.0f} m, as of an object; expected a "
             "map of a place"
+        )
+
+
+def _refuse_scan(name: str, tiled: TiledMap, origin_m: tuple[float, float, float]) -> None:
+    """Raise InputError for a single scan around the origin of its file."""
+    low_m, high_m = (edge_m + np.array(origin_m) for edge_m in tiled.box_m)
+    if len(tiled.points) > MOST_OF_A_SCAN or (low_m[:2] > 0).any() or (high_m[:2] < 0).any():
+        return
+    points_m = np.concatenate(list(tiled.tiles_m())) + np.array(origin_m)
+    if hidden_share(points_m) < LEAST_HIDDEN:
+        raise InputError(
+            f"{name}: its points are all seen from its origin, as those of one scan; expected a "
+            "map with the points of all scans in one frame"
+        )
+
+
+def _refuse_axes(name: str, tiled: TiledMap) -> None:
+    """Raise InputError for a map whose ground shows that z is not upwards."""
+    largest = int(np.diff(tiled.offsets).argmax())
+    middle_m = tiled.tile_corner_m[largest, :2] + TILE_M / 2
+    axis = upward_axis(tiled.around(middle_m, AXES_M))
+    if axis is not None:
+        raise InputError(
+            f"{name}: its ground lies level if {axis} is upwards; expected z upwards: turn the map"
         )
 
 
