@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # at run time these would slow the start of every command
 
     from pipeline.core.frames import Poses
     from pipeline.lifelong.pseudo_labels import PseudoLabels
-    from pipeline.lifelong.update import Update
+    from pipeline.lifelong.update import AnyUpdate
     from pipeline.online.inputs import Scan
     from pipeline.online.site import Site
     from pipeline.online.site_file import Parts
@@ -89,7 +89,7 @@ def update(
 
     check_file(out)
     parts = site_file.read(path, views=True)
-    if not parts.views:
+    if not parts.views and not parts.description.map.is_tiled:
         raise ConfigError(
             f"{path}: holds no views to learn from; only a site of `yearloc pack` of this "
             "version can be updated"
@@ -149,7 +149,9 @@ def reference_poses(poses: str, scans: "Sequence[Scan]") -> "Poses":
     return poses_at(scans, Trajectory(stamps_ns, world_T_body, REFERENCE_GAP_S))
 
 
-def _write(out: Path, path: Path, log: str, site: "Site", parts: "Parts", update: "Update") -> None:
+def _write(
+    out: Path, path: Path, log: str, site: "Site", parts: "Parts", update: "AnyUpdate"
+) -> None:
     """Update the site of `path`, write it to `out`, and print its places, size and thresholds."""
     from pipeline.lifelong.update import updated
     from pipeline.online import site_file
@@ -159,7 +161,7 @@ def _write(out: Path, path: Path, log: str, site: "Site", parts: "Parts", update
     updated_parts = updated(site, parts, update, Path(log).name, progress)
     site_file.write(out, updated_parts)
     print(
-        f"{out}: {len(update.places.cells)} places, {out.stat().st_size / 1e6:.1f} MB; "
+        f"{out}: {len(updated_parts.arrays['cells'])} places, {out.stat().st_size / 1e6:.1f} MB; "
         f"{path} stays as it was"
     )
     description = updated_parts.description

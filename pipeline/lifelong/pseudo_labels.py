@@ -53,6 +53,14 @@ class PseudoLabels:
     scan_count: int
     """The number of all scans of the day, pseudo-labelled or not."""
 
+    def words(self, used: int) -> str:
+        """How many scans are used, how they are labelled, and how many of them wrongly."""
+        label = "with reference poses" if self.has_reference_poses else "pseudo-labelled"
+        wrong = ""
+        if self.wrong.any():
+            wrong = f", {self.wrong.sum()} of them wrong by the log's own poses"
+        return f"{used} of {self.scan_count} scans {label}{wrong}"
+
     def views(self, site: Site) -> Rows:
         """The scans as views of the site's method."""
         return Rows(

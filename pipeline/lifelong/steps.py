@@ -126,7 +126,7 @@ def self_trained(
         start_s = time.process_time()
         counts = {"queried": len(scans), "pseudo_labelled": 0, "wrong": 0, "changed": 0}
         try:
-            plan = update.planned(
+            plan = update.planned_submaps(
                 site, pseudo_labels.from_site(site, scans, strategy.target_precision)
             )
             wrong = int(plan.pseudo_labels.wrong[plan.used].sum())

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pipeline.core.building import build
 from pipeline.core.errors import ConfigError
 from pipeline.core.progress import Progress
+from pipeline.lifelong.map_update import MapUpdate, planned_map, updated_map_site
 from pipeline.lifelong.pseudo_labels import NoPseudoLabelsError, PseudoLabels
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Rows, TrainingSet
@@ -23,6 +24,7 @@ from pipeline.online.site import ROOTS, Site
 from pipeline.online.site_file import Arrays, Parts
 from pipeline.online.site_json import Increments, LearnedDay, SiteDescription
 from pipeline.posing.changes import contradicted, usual_contradiction
+from pipeline.posing.cut_outs import CutOuts
 from pipeline.posing.targets import thinned
 
 
@@ -48,24 +50,30 @@ class Update:
 
     def line(self, site: Site) -> str:
         """Describe the plan in a line."""
-        pseudo_labels = self.pseudo_labels
         place_count = len(site.places.cells)
-        label = "with reference poses" if pseudo_labels.has_reference_poses else "pseudo-labelled"
-        wrong = ""
-        if pseudo_labels.wrong.any():
-            wrong = f", {pseudo_labels.wrong.sum()} of them wrong by the log's own poses"
         places = f"{len(self.places.cells) - place_count} new places beside {place_count}"
         return (
-            f"{len(self.used)} of {pseudo_labels.scan_count} scans {label}{wrong}; {places}; "
+            f"{self.pseudo_labels.words(len(self.used))}; {places}; "
             f"{len(self.changed)} submaps have changed"
         )
 
 
-def planned(site: Site, pseudo_labels: PseudoLabels) -> Update:
+AnyUpdate = Update | MapUpdate
+"""The update of a site whose method learned a drive, or of the site of a 3-D map."""
+
+
+def planned(site: Site, pseudo_labels: PseudoLabels) -> AnyUpdate:
     """Plan what a site can learn from labelled scans. Only reference poses add new places.
 
-    Raises NoPseudoLabelsError if no scan lies in a place.
+    Raises NoPseudoLabelsError if no scan lies in a place, or if a 3-D map has all that they show.
     """
+    if isinstance(site.targets, CutOuts):
+        return planned_map(site, site.targets, pseudo_labels)
+    return planned_submaps(site, pseudo_labels)
+
+
+def planned_submaps(site: Site, pseudo_labels: PseudoLabels) -> Update:
+    """Plan what a site that learned a drive can learn from labelled scans; raises as `planned`."""
     xy_m = pseudo_labels.world_T_scan[:, :2, 3]
     places = site.places.extended(xy_m) if pseudo_labels.has_reference_poses else site.places
     scan_places = places.at(xy_m)
@@ -83,12 +91,15 @@ def planned(site: Site, pseudo_labels: PseudoLabels) -> Update:
     return Update(pseudo_labels, places, scan_places, changed, of_new_places)
 
 
-def updated(site: Site, parts: Parts, update: Update, name: str, progress: Progress) -> Parts:
+def updated(site: Site, parts: Parts, update: AnyUpdate, name: str, progress: Progress) -> Parts:
     """The parts of a site after it learned the day `name`, as `update` plans it.
 
     `parts` are the parts that the site was opened from, with its views. Raises ConfigError for a
     site that cannot be updated.
     """
+    if isinstance(update, MapUpdate):
+        assert isinstance(site.targets, CutOuts)
+        return updated_map_site(site.targets, parts, update, name, progress)
     description = parts.description
     increments = _increments(description)
     views = parts.views

@@ -150,6 +150,8 @@ def _sensor_rows(sensor: Sensor) -> list[tuple[str, str]]:
 
 def _day(day: LearnedDay) -> str:
     """One line on a day that a site learned."""
+    if not day.views:
+        return day.day
     additions = ""
     if day.places is not None:
         additions = f", {day.places} new places, {day.changed} submaps changed"

@@ -17,10 +17,9 @@ from pipeline.mapping.tiled_map import Thinning, TiledMap
 from pipeline.online import site_file
 from pipeline.online.map_pack import VOXEL_M
 from pipeline.online.site_file import LevelParts, Parts
+from pipeline.opening.map_files import SIMULATED
 from pipeline.posing.targets import Targets
 
-SIMULATED = "simulated, not recorded"
-"""A comment in the map of a simulated world."""
 NAV2_SUFFIXES = (".yaml", ".yml")
 
 

@@ -35,6 +35,10 @@ BLOCKS: dict[str, Callable[[Path, int], Iterator[NDArray[np.float64]]]] = {
     ".laz": las.blocks,
 }
 """What reads a file's points in blocks, by its suffix."""
+SIMULATED = "simulated, not recorded"
+"""A comment at the beginning of the map of a simulated world, as `yearloc export` writes it."""
+COMMENT_BYTES = 4_096
+"""The comment is looked for in so many bytes."""
 KINDS = ".pcd, .ply, .las or .laz"
 SCAN_SUFFIXES = (".bin", ".npy")
 MESH_SUFFIXES = (".dae", ".fbx", ".glb", ".gltf", ".obj", ".off", ".stl")
@@ -125,6 +129,15 @@ class MapFiles:
     def are_float32(self) -> tuple[bool, ...]:
         """Whether each file stores coordinates as 32-bit floats; raises as `summaries`."""
         return tuple(summary.is_float32 for summary in self.summaries)
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether a file says that the map is of a simulated world."""
+        heads = []
+        for path in self.files:
+            with path.open("rb") as file:
+                heads.append(file.read(COMMENT_BYTES))
+        return any(SIMULATED.encode() in head for head in heads)
 
     def chunks(self, progress: Progress) -> Iterator[NDArray[np.float64]]:
         """The finite points of all files in chunks (n, 3) in m, of at most MOST_POINTS, never none.

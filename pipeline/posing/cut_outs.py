@@ -25,6 +25,10 @@ SPACING_M = 8.0
 """Distance of neighbouring anchors along each axis of their grid; a whole number of metres."""
 
 
+CACHED_CLOUDS = 32
+"""Number of prepared cut-outs kept in memory, of some 10 MB each."""
+
+
 class CutOuts(Targets):
     """The cut-outs of a map around anchors, one a row."""
 
@@ -40,9 +44,9 @@ class CutOuts(Targets):
         """Build them from a site's arrays, the anchors and the tiles, and its map of walls."""
         if grain_m != GRAIN_M:
             raise ValueError(f"grain_m={grain_m}: expected {GRAIN_M}")
-        super().__init__(arrays, grain_m, range_m, single=False)
+        super().__init__(arrays, grain_m, range_m, single=False, cached_clouds=CACHED_CLOUDS)
         self.tiled_map = TiledMap.of_arrays(arrays)
-        self._drawn = drawn
+        self.drawn = drawn
 
     def points_m(self, row: int) -> Points:
         """The points (n, 3) of the map around a row's anchor, in the anchor's frame."""
@@ -52,14 +56,17 @@ class CutOuts(Targets):
 
     def above_ground_m(self, low_m: float) -> Points:
         """The points (n, 3) of the map, in the world, that lie `low_m` or more above the ground."""
+        parts = [points_m[above_m > low_m] for points_m, above_m in self.heights()]
+        return np.concatenate([np.empty((0, 3)), *parts])
+
+    def heights(self) -> Iterator[tuple[Points, NDArray[np.float64]]]:
+        """The points (n, 3) of each tile, in the world, and their heights (n,) above the ground."""
         tree = KDTree(self.world_T_anchor[:, :2, 3])
-        parts = [np.empty((0, 3))]
         for points_m in self.tiled_map.tiles_m():
             _, row = tree.query(points_m[:, :2])
             anchor_T_world = np.linalg.inv(self.world_T_anchor[row])
             above_m = np.vecdot(anchor_T_world[:, 2, :3], points_m) + anchor_T_world[:, 2, 3]
-            parts.append(points_m[above_m > low_m])
-        return np.concatenate(parts)
+            yield points_m, above_m
 
     def similar(self, walls: Walls, walls_m: Points, left_out: NDArray[np.bool_]) -> Iterator[int]:
         """No rows: the ranking has searched the whole map already."""
@@ -67,7 +74,7 @@ class CutOuts(Targets):
 
     def _chart(self, walls: Walls, row: int) -> Chart:
         """The walls of the map around a row's anchor, whose axes are the world's from above."""
-        if walls.cell_m != self._drawn.cell_m:
+        if walls.cell_m != self.drawn.cell_m:
             return super()._chart(walls, row)
         anchor_xy_m = self.world_T_anchor[row, :2, 3]
-        return bounded(self._drawn.window(anchor_xy_m, walls.half_width_cells + BLOCK), BLOCK)
+        return bounded(self.drawn.window(anchor_xy_m, walls.half_width_cells + BLOCK), BLOCK)

@@ -88,7 +88,12 @@ class Targets:
     """Whether the rows are cut-outs of one map, of which none knows more than its neighbours."""
 
     def __init__(
-        self, arrays: Mapping[str, NDArray[Any]], grain_m: float, range_m: float, single: bool
+        self,
+        arrays: Mapping[str, NDArray[Any]],
+        grain_m: float,
+        range_m: float,
+        single: bool,
+        cached_clouds: int = CACHED_CLOUDS,
     ) -> None:
         """Build them from the columns and attributes of a map artifact (schemas.Maps)."""
         self._arrays = arrays
@@ -97,8 +102,8 @@ class Targets:
         self.range_m = range_m
         self.world_T_anchor: Poses = arrays["world_T_anchor"]
         self.chart: Callable[[Walls, int], Chart] = lru_cache(None)(self._chart)
-        self.seen: Callable[[Registration, Walls, int], Seen] = lru_cache(CACHED_CLOUDS)(self._seen)
-        self.cloud: Callable[[Registration, int], Cloud] = lru_cache(CACHED_CLOUDS)(self._cloud)
+        self.seen: Callable[[Registration, Walls, int], Seen] = lru_cache(cached_clouds)(self._seen)
+        self.cloud: Callable[[Registration, int], Cloud] = lru_cache(cached_clouds)(self._cloud)
 
     @classmethod
     def read(cls, path: Path) -> Self:
