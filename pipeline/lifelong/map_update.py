@@ -120,6 +120,7 @@ def updated_map_site(
     day = LearnedDay(name, len(labels.points), max(new_places, 0), changed)
     kept = replace(
         renewed.description,
+        simulated=description.simulated,
         verdict=description.verdict,
         sensor=description.sensor,
         provenance=description.provenance,

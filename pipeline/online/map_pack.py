@@ -11,7 +11,7 @@ The verdict has the usual probabilities, since the map has no scans to validate 
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +54,8 @@ WIDEST_M2 = 4e8
 """A map with a larger box has stray points, or should be packed in parts."""
 FEWEST_VOXELS = 20
 """A tile with fewer voxels holds stray points; it is left out."""
+COARSEST_M = 0.02
+"""Coordinates in larger steps are told to the user."""
 SPARSE_M2 = 200.0
 """A map whose points are all within so small an area is a scan."""
 MOST_OF_A_SCAN = 200_000
@@ -101,15 +103,27 @@ def pack_map(
     parts, lines = parts_of_map(
         thinning.tiled(), f"{files.name}", {"map": files.digest()}, options, progress
     )
-    site_file.write(out, parts)
+    description = replace(parts.description, simulated=files.is_simulated)
+    site_file.write(out, parts._replace(description=description))
     size = f"{out.stat().st_size / 1e6:.1f} MB"
     places = len(parts.arrays["cells"])
     return [
         *files.notes,
+        *_grain_lines(files.tally.step_m),
         *lines,
         f"{out}: {places:,} places of {PLACE_M:g} m, {size}; target precisions "
         f"{', '.join(map(str, parts.description.verdict.reachable))} by the usual probabilities, "
         f"{NOT_CALIBRATED}: `yearloc calibrate {out} LOG` learns them from a drive",
+    ]
+
+
+def _grain_lines(step_m: float) -> list[str]:
+    """A line on coordinates that are too large for their 32-bit floats, if they are."""
+    if step_m < COARSEST_M:
+        return []
+    return [
+        f"coordinates: 32-bit floats, in steps of {step_m:g} m so far from the origin: poses are "
+        "no finer; export the map with an offset, or as 64-bit floats"
     ]
 
 
