@@ -70,7 +70,10 @@ VIEW = "pipeline.views.walls.Walls"
 FIXER: Settings = {
     "_target_": "pipeline.posing.search.Fixer",
     "walls": {"_target_": "pipeline.posing.walls.Walls", "range_m": WALLS_M},
+    "rounds": (5,),
 }
+"""One round of further answers: the search from above has ranked them by the whole map, so the
+first is nearly always right, and a second round of cut-outs only takes time."""
 READER: Settings = {"_target_": "pipeline.readers.folder.Folder"}
 """The reader of logs that are localised in it; bags and folders of scans need none."""
 MAP_VERSIONS = (*LEVEL_VERSIONS, "small_gicp")
