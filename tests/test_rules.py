@@ -79,6 +79,7 @@ def test_only_the_stage_and_the_command_line_import_the_report(graph):
     importers = set().union(*map(graph.find_modules_that_directly_import, of_it)) - of_it
     assert {module for module in importers if not module.startswith("benchmarks")} == {
         "stages.report",
+        "pipeline.cli.data",
         "pipeline.cli.picture",
         "pipeline.cli.results",
     }

@@ -6,13 +6,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from pipeline.cli.options import some_words
-from pipeline.cli.progress import Bytes
+from pipeline.cli.outputs import check_file
+from pipeline.cli.progress import Bar, Bytes
 from pipeline.cli.project import conf_folder
 from pipeline.core.errors import ConfigError
 from pipeline.core.replacing import write_text
 from pipeline.running.texts import read_yaml, terminal_width
 
 if TYPE_CHECKING:  # at run time these would slow the start of every command
+    from pipeline.inspection.inspection import Inspection
     from pipeline.readers.folder import Folder
 
 
@@ -58,14 +60,16 @@ def inspect(
         Path,
         typer.Argument(
             metavar="FILE-OR-ARTIFACT",
-            help="A raw file, a bag, the folder of a log, a site file or an artifact of the chain",
+            help="A raw file, a bag, the folder of a log, a 3-D map, a site file or an artifact "
+            "of the chain",
         ),
     ],
     format_name: Annotated[
-        Literal["nclt", "kitti"] | None,
+        Literal["nclt", "kitti", "map"] | None,
         typer.Option(
             "--format",
-            help="The format of a single .bin file, by default guessed from its folder",
+            help="The format of a single .bin file, by default guessed from its folder; map: a "
+            "3-D map, though it looks like a scan",
         ),
     ] = None,
     save: Annotated[
@@ -75,20 +79,41 @@ def inspect(
             help="For bags: write the proposed data set to this new file, conf/dataset/NAME.yaml",
         ),
     ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="For a 3-D map: draw it from above into this .png"),
+    ] = None,
 ) -> None:
     """Describe a file or artifact: ranges, counts, frames, provenance, warnings."""
     from pipeline.inspection import report
 
     if save:
         _check_save(save)
+    if picture:
+        check_file(picture)
+        if picture.suffix != ".png":
+            raise ConfigError(f"--picture {picture}: expected a .png")
     if path.suffix == ".site":
         from pipeline.online.description import describe
 
         print(describe(path).text(terminal_width()))
         return
-    print(report.inspect(path, format_name, folder_reader=_folder_reader()).text(terminal_width()))
+    found = report.inspect(path, format_name, folder_reader=_folder_reader(), progress=Bar())
+    if picture:
+        _draw(found, picture)
+    print(found.text(terminal_width()))
     if save:
         _save_proposal(path, save)
+
+
+def _draw(found: "Inspection", picture: Path) -> None:
+    """Draw the 3-D map that was found; raises ConfigError if there is none."""
+    from pipeline.report.figures import map_from_above
+
+    if found.point_map is None or found.point_map.ground is None:
+        raise ConfigError(f"--picture {picture}: {found.path} is no 3-D map that can be drawn")
+    map_from_above.write(found.point_map, picture)
+    found.add("picture", ("drawn", str(picture)))
 
 
 def _check_save(save: Path) -> None:

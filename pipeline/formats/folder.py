@@ -58,7 +58,10 @@ def points(data: bytes, path: Path, point_bytes: int | None = None) -> NDArray[n
     a file of another format or one cut short, before more than LARGEST_BYTES are allocated.
     """
     if len(data) > LARGEST_BYTES:
-        raise LogError(f"{path}: {len(data)} bytes are more than one scan has; is it a map?")
+        raise LogError(
+            f"{path}: {len(data)} bytes are more than one scan has; is it a map? A .pcd, .ply, "
+            ".las or .laz of a whole place becomes a site by `yearloc pack --map MAP -o MAP.site`"
+        )
     with np.errstate(invalid="ignore"):  # numpy warns when a signalling NaN becomes a float64
         if path.suffix == ".pcd":
             return pcd.decode(data, path, LARGEST_BYTES)

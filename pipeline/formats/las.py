@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError, YearlocError, machine_refusal, needed
+from pipeline.formats import records
 from pipeline.formats.records import PIECE_BYTES, Summary
 
 SIZE = "3 MB"
@@ -59,7 +60,8 @@ def blocks(path: Path, most_points: int) -> Iterator[NDArray[np.float64]]:
 def summary(path: Path) -> Summary:
     """What the header of a file says; raises as `blocks`."""
     with _opened(path) as reader:
-        return Summary(reader.header.point_count, is_float32=False)
+        names = [name.lower() for name in reader.header.point_format.dimension_names]
+        return Summary(reader.header.point_count, is_float32=False, others=records.others(names))
 
 
 @contextmanager

@@ -104,7 +104,11 @@ def summary(path: Path) -> Summary:
     """What the header of a PCD on disk says; raises LogError naming the wrong line."""
     with path.open("rb") as file:
         header = parse(file.read(HEADER_BYTES), path)
-    return Summary(header.points, records.is_float32(header.columns(is_interleaved=True)))
+    return Summary(
+        header.points,
+        records.is_float32(header.columns(is_interleaved=True)),
+        others=records.others(header.fields),
+    )
 
 
 def encode(points_m: NDArray[np.floating]) -> bytes:

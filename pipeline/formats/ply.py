@@ -128,7 +128,9 @@ def summary(path: Path) -> Summary:
     with path.open("rb") as file:
         header = parse(file.read(HEADER_BYTES), path)
     faces = sum(element.count for element in header.elements if element.name in SURFACES)
-    return Summary(header.vertex.count, records.is_float32(header.columns()), faces)
+    names = [entry.name for entry in header.vertex.properties]
+    is_float32 = records.is_float32(header.columns())
+    return Summary(header.vertex.count, is_float32, faces, records.others(names))
 
 
 def encode(points_m: NDArray[np.floating]) -> bytes:

@@ -33,6 +33,8 @@ class Summary:
     """Whether a coordinate is stored as a 32-bit float."""
     faces: int = 0
     """Number of faces of a mesh; 0 for a cloud."""
+    others: tuple[str, ...] = ()
+    """Names of what a point has beside x, y and z, such as intensity."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,11 @@ def refuse_other_fields(path: Path, fields: Sequence[str]) -> None:
     raise LogError(
         f"{path}: its fields are {' '.join(fields)}; expected x, y and z, once each{advice}"
     )
+
+
+def others(fields: Sequence[str]) -> tuple[str, ...]:
+    """The names of the fields beside x, y and z."""
+    return tuple(name for name in fields if name not in AXES)
 
 
 def is_float32(columns: Sequence[Column]) -> bool:

@@ -9,9 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from pipeline.inspection.point_map import PointMap
 
 SMALL_SITE_M = 60.0
 """A drive that spans less than this is in a building or a yard."""
@@ -63,6 +67,10 @@ class Inspection:
     """What the file is, in a few words."""
     sections: tuple[Section, ...] = ()
     warnings: tuple[str, ...] = ()
+    next: str = ""
+    """The command to go on with; empty if there is none."""
+    point_map: "PointMap | None" = None
+    """The 3-D map that was read, for a picture of it."""
 
     @property
     def headline(self) -> str:
@@ -112,6 +120,8 @@ class Inspection:
         lines += ["", counts.get(len(self.warnings), f"{len(self.warnings)} warnings")]
         for warning in self.warnings:
             lines += _wrapped(warning, "  ! ", width)
+        if self.next:
+            lines += ["", f"next: {self.next}"]  # never wrapped: somebody will paste it
         return "\n".join(lines)
 
 

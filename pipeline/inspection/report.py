@@ -8,24 +8,26 @@ from collections.abc import Callable
 from pathlib import Path
 
 from pipeline.core.errors import ArtifactError, ConfigError, LogError
+from pipeline.core.progress import Progress
 from pipeline.core.store import MODEL
 from pipeline.formats.bag_file import SUFFIXES, find
 from pipeline.formats.folder import SCANS
 from pipeline.formats.robotcar import LASERS
 from pipeline.inspection import artifacts, bags, files, folders, robotcar, tracks
 from pipeline.inspection.inspection import Inspection
+from pipeline.inspection.maps import describe_map
 from pipeline.inspection.origin import add_provenance
+from pipeline.inspection.scan_or_map import is_map_file, is_map_folder
 from pipeline.opening.opening import OTHER_ROBOT, Opening, at
 from pipeline.readers.folder import Folder
 from pipeline.readers.robotcar import RobotCar
 
 SUPPORTED_TEXT = (
     ".zarr, .zarr.zip (a model), .bin, .csv (NCLT poses, RobotCar vo, ins), .txt (KITTI poses, "
-    "times, calib; TUM poses), .npy, .pcd, .bag, .mcap, .db3, .log and .clf (CARMEN), or a folder "
-    "of these"
+    "times, calib; TUM poses), .npy, .pcd, .ply, .las, .laz, .yaml (Autoware's tiles), .bag, "
+    ".mcap, .db3, .log and .clf (CARMEN), or a folder of these"
 )
 """What can be inspected, for an error."""
-SURVEYORS_MAP = "a surveyor's map, not scans: yearloc learns from scans and where each was taken"
 ZSTD = "packed: name the folder of the bag that it belongs to, or unpack it with `zstd -d FILE`"
 FOREIGN_FORMATS = {
     ".pcap": (
@@ -33,9 +35,6 @@ FOREIGN_FORMATS = {
         "bag record`"
     ),
     ".osf": "Ouster's recording: save it as a bag with Ouster's own tools, and inspect that",
-    ".las": SURVEYORS_MAP,
-    ".laz": SURVEYORS_MAP,
-    ".ply": "a mesh or cloud: `pcl_ply2pcd FILE.ply FILE.pcd` makes a .pcd of it",
     ".zst": ZSTD,
     ".zstd": ZSTD,
     ".gz": "packed: unpack it with `gunzip FILE`",
@@ -55,6 +54,8 @@ DESCRIBE_BY_PATTERN: dict[str, Callable[[Path, Inspection], None]] = {
 
 The name of a .bin, or of a text with poses or times, does not say enough: its content is looked at.
 """
+MAP = "map"
+"""The format of a 3-D map."""
 TEXT_SUFFIXES = (".txt", ".tum", ".csv")
 """Suffixes of texts with poses or times."""
 
@@ -64,18 +65,20 @@ def inspect(
     as_format: str | None = None,
     lock: Path = Path("dvc.lock"),
     folder_reader: Folder | None = None,
+    progress: Progress | None = None,
 ) -> Inspection:
     """Describe the file, folder or artifact at `path`.
 
-    `as_format` (nclt or kitti) is the format of a .bin whose folder's name does not say it. `lock`
-    has the provenance of artifacts. `folder_reader` reads folders of another robot's scans and
-    poses; None: one with its defaults.
+    `as_format` (nclt or kitti) is the format of a .bin whose folder's name does not say it; with
+    `map` a cloud is described as a 3-D map, though it looks like a scan. `lock` has the provenance
+    of artifacts. `folder_reader` reads folders of another robot's scans and poses; None: one with
+    its defaults.
 
     Raises LogError, ArtifactError or ConfigError, one line each, for what is missing, damaged or of
     an unknown kind.
     """
-    if as_format not in (None, "nclt", "kitti"):
-        raise ConfigError(f"--format {as_format}: the formats are nclt and kitti")
+    if as_format not in (None, "nclt", "kitti", MAP):
+        raise ConfigError(f"--format {as_format}: the formats are nclt, kitti and map")
     if not path.exists():
         if path.name.endswith((".zarr", MODEL)):
             raise ArtifactError(f"{path}: no such artifact; `dvc repro` builds it")
@@ -84,12 +87,26 @@ def inspect(
     is_group = path.is_dir() and (path.suffix == ".zarr" or (path / "zarr.json").is_file())
     if is_group:
         artifacts.describe_artifact(path, inspection)
+    elif as_format == MAP or _is_map(path, as_format, folder_reader or Folder()):
+        describe_map(path, inspection, progress or Progress())
     elif path.is_dir():
         _describe_folder(path, as_format, folder_reader or Folder(), inspection)
     else:
         _describe_file(path, as_format, inspection)
     add_provenance(inspection, path, lock, is_artifact=is_group or path.name.endswith(MODEL))
     return inspection
+
+
+def _is_map(path: Path, as_format: str | None, folder_reader: Folder) -> bool:
+    """Whether a file or a folder is a 3-D map; the folder of a log is none."""
+    if as_format is not None:
+        return False
+    if path.is_file():
+        return is_map_file(path)
+    full_path = path.resolve()
+    if at(path) is not None or full_path.name in folder_reader.sequences(full_path.parent):
+        return False
+    return is_map_folder(path)
 
 
 def _describe_folder(

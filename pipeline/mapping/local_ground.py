@@ -124,17 +124,22 @@ class LocalGround:
 
         Columns are given by their lowest points (n, 3), and whether nothing stands just above.
         """
-        off_m = lows_m[:, 2] - self.heights_m(lows_m[:, :2])
-        is_known = np.isfinite(off_m)
+        is_known = np.isfinite(self.heights_m(lows_m[:, :2]))
         if not is_known.any():
             return 0.0
         cell = np.floor((lows_m[is_known, :2] - self.corner_m) / CELL_M).astype(np.int64)
         number = cell @ (self.planes.shape[1], 1)
-        is_shown = (np.abs(off_m) < NEAR_GROUND_M) & is_open
         columns = np.bincount(number)
-        shown = np.bincount(number, is_shown[is_known])
+        shown = np.bincount(number, self._are_shown(lows_m, is_open)[is_known])
         is_cell = columns >= FEWEST_POINTS
         return float(np.median(shown[is_cell] / columns[is_cell])) if is_cell.any() else 0.0
+
+    def _are_shown(
+        self, lows_m: NDArray[np.float64], is_open: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Whether columns (n,) show the ground, as of `_share_shown`."""
+        off_m = lows_m[:, 2] - self.heights_m(lows_m[:, :2])
+        return (np.abs(off_m) < NEAR_GROUND_M) & is_open
 
     def _planes_at(
         self, xy_m: NDArray[np.float64]
@@ -145,6 +150,11 @@ class LocalGround:
         planes = np.full((len(xy_m), 3), np.nan)
         planes[is_inside] = self.planes[tuple(cell[is_inside].T)]
         return planes, xy_m - (self.corner_m + (cell + 0.5) * CELL_M)
+
+
+def columns_with_ground(points_m: NDArray[np.float64]) -> int:
+    """The number of columns of a map's points (n, 3), in metres, that show a ground."""
+    return int(LocalGround._through(_candidates(points_m))._are_shown(*_columns(points_m)).sum())
 
 
 def _candidates(points_m: NDArray[np.float64]) -> NDArray[np.float64]:

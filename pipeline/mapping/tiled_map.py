@@ -28,6 +28,12 @@ MOST_CELLS = 2**CELL_BITS
 """Voxels along each axis, half of them to each side of the first point."""
 HIGHEST_M = GRAIN_M * np.iinfo(np.int16).max
 """Points farther above or below the middle height of their tile are left out."""
+FEWEST_VOXELS = 20
+"""A tile with fewer voxels holds stray points; it is left out."""
+WIDEST_M2 = 4e8
+"""A map with a larger box has stray points, or should be packed in parts."""
+SPARSE_M2 = 200.0
+"""A map whose points are all within so small an area is of an object."""
 ARRAYS = ("points", "offsets", "tile_corner_m")
 """Names of the arrays of a map in a site file."""
 
@@ -66,7 +72,7 @@ class TiledMap:
         """The arrays that a site file keeps."""
         return {name: getattr(self, name) for name in ARRAYS}
 
-    def without_strays(self, fewest: int) -> "tuple[TiledMap, int]":
+    def without_strays(self, fewest: int = FEWEST_VOXELS) -> "tuple[TiledMap, int]":
         """The map without tiles of fewer than `fewest` points, and how many points these have."""
         counts = np.diff(self.offsets)
         is_kept = counts >= fewest
@@ -84,6 +90,25 @@ class TiledMap:
         high = np.maximum.reduceat(self.points, self.offsets[:-1], axis=0)
         low_m = (low * GRAIN_M + self.tile_corner_m).min(axis=0)
         return low_m, (high * GRAIN_M + self.tile_corner_m).max(axis=0)
+
+    @property
+    def unfit(self) -> str:
+        """Why a map of this size is not packed, and what to do; empty if it is."""
+        if not len(self):
+            return f"its points are strays, fewer than {FEWEST_VOXELS} in each tile"
+        low_m, high_m = self.box_m
+        x_m, y_m, _ = high_m - low_m
+        if x_m * y_m > WIDEST_M2:
+            return (
+                f"its box is {x_m / 1e3:.0f} × {y_m / 1e3:.0f} km: remove stray points, or pack "
+                "the map in parts"
+            )
+        if x_m * y_m < SPARSE_M2:
+            return (
+                f"its points lie within {x_m:.0f} × {y_m:.0f} m, as of an object; expected a map "
+                "of a place"
+            )
+        return ""
 
     def __len__(self) -> int:
         """The number of tiles."""

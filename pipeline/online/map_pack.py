@@ -50,14 +50,8 @@ PLACE_M = 10.0
 """Side of a place."""
 K = 25
 """Number of positions that the search ranks."""
-WIDEST_M2 = 4e8
-"""A map with a larger box has stray points, or should be packed in parts."""
-FEWEST_VOXELS = 20
-"""A tile with fewer voxels holds stray points; it is left out."""
 COARSEST_M = 0.02
 """Coordinates in larger steps are told to the user."""
-SPARSE_M2 = 200.0
-"""A map whose points are all within so small an area is a scan."""
 MOST_OF_A_SCAN = 200_000
 """A scan has no more voxels."""
 LEAST_HIDDEN = 0.13
@@ -152,8 +146,9 @@ def parts_of_map(
     progress: Progress,
 ) -> tuple[Parts, list[str]]:
     """The content of the site of a tiled map, and lines on the map."""
-    tiled, strays = tiled.without_strays(FEWEST_VOXELS)
-    _refuse_size(name, tiled)
+    tiled, strays = tiled.without_strays()
+    if tiled.unfit:
+        raise InputError(f"{name}: {tiled.unfit}")
     _refuse_scan(name, tiled, options.origin_m)
     cut_m = _cut_m(options.like)
     ground = LocalGround.of(
@@ -193,24 +188,6 @@ def parts_of_map(
     }
     model = {**model_arrays(drawn), **database.arrays()}
     return Parts(description, model, arrays, None), _lines(tiled, ground, anchors, strays)
-
-
-def _refuse_size(name: str, tiled: TiledMap) -> None:
-    """Raise InputError for strays, for an object, and for a map whose box is too large to draw."""
-    if not len(tiled):
-        raise InputError(f"{name}: its points are strays, fewer than {FEWEST_VOXELS} in each tile")
-    low_m, high_m = tiled.box_m
-    x_m, y_m, _ = high_m - low_m
-    if x_m * y_m > WIDEST_M2:
-        raise InputError(
-            f"{name}: its box is {x_m / 1e3:.0f} × {y_m / 1e3:.0f} km: remove stray points, or "
-            "pack the map in parts"
-        )
-    if x_m * y_m < SPARSE_M2:
-        raise InputError(
-            f"{name}: its points lie within {x_m:.0f} × {y_m:.0f} m, as of an object; expected a "
-            "map of a place"
-        )
 
 
 def _refuse_scan(name: str, tiled: TiledMap, origin_m: tuple[float, float, float]) -> None:

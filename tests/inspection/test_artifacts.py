@@ -238,7 +238,7 @@ def test_a_broken_artifact_raises_an_error_of_one_line(tmp_path: Path) -> None:
         ("a.zarr", ArtifactError, "dvc repro"),
         ("a.bin", LogError, "no such file"),
         ("notes.md", ConfigError, "no kind of file"),
-        ("a.laz", ConfigError, "a surveyor's map, not scans"),
+        ("maps/a.laz", LogError, "no LAS file"),
         ("a.pcap", ConfigError, "ros2 bag record"),
         ("tue.db3.zstd", ConfigError, "packed: name the folder"),
         ("tue.bag.gz", ConfigError, "packed: unpack it with"),
@@ -249,7 +249,15 @@ def test_a_broken_artifact_raises_an_error_of_one_line(tmp_path: Path) -> None:
 def test_a_missing_or_unknown_file_raises_an_error_of_one_line(
     tmp_path: Path, name: str, kind: type, says: str
 ) -> None:
-    for existing in ("notes.md", "bad.zarr.zip", "a.laz", "a.pcap", "tue.db3.zstd", "tue.bag.gz"):
+    (tmp_path / "maps").mkdir()
+    for existing in (
+        "notes.md",
+        "bad.zarr.zip",
+        "maps/a.laz",
+        "a.pcap",
+        "tue.db3.zstd",
+        "tue.bag.gz",
+    ):
         (tmp_path / existing).write_text("x")
     with one_line(kind, says):
         inspect(tmp_path / name)
