@@ -58,13 +58,14 @@ studies: .venv/ready
 	@yearloc repro
 	@yearloc results
 
-# Recordings: DATA=FOLDER that has carmen/ and nclt_keyframes/, or both are fetched into data/; BUDGET=full trains ten times longer.
+# Recordings: DATA=FOLDER that has carmen/ and nclt_keyframes/, and perhaps nova/ with a 3-D map; or the first two are fetched into data/. BUDGET=full trains ten times longer.
 # The last table is of level lasers in seven buildings and yards, whose maps need no training.
 real: .venv/ready
 	@yearloc repair
 	@[ -n "$(DATA)" ] || { yearloc fetch carmen root=data/carmen && yearloc fetch nclt_keyframes root=data; }
 	@yearloc use nclt_keyframes root=$(or $(DATA),data) budget=$(BUDGET)
 	@yearloc use carmen root=$(or $(DATA),data)/carmen log=freiburg-campus-corrected budget=$(BUDGET) poses=sci_ring --add
+	@[ ! -d $(or $(DATA),data)/nova/map ] || yearloc use nova map=$(or $(DATA),data)/nova/map root=$(or $(DATA),data) --add
 	@yearloc repro
 	@yearloc results
 	@python -m benchmarks.level $(or $(DATA),data)/carmen

@@ -62,7 +62,7 @@ def main(settings: Settings) -> str:
             for name in (sequence, train)
         )
         grid = grid_of(settings, training)
-        days = days_between(training.stamps_ns[0], submaps.stamps_ns[0])
+        days = days_between(first_ns(settings, training), submaps.stamps_ns[0])
         labels = label(submaps.world_T_anchor, training.world_T_anchor, grid, days)
         store.write(folder / f"{sequence}.zarr", labels)
         n_seen = int((labels.places >= 0).sum())
@@ -75,6 +75,16 @@ def main(settings: Settings) -> str:
         )
 
     return each_sequence(settings, write_labels, "label")
+
+
+def first_ns(settings: Settings, training: schemas.Submaps) -> int:
+    """The stamp from which days are counted: of training, or of the earliest drive if training has
+    no date, as a 3-D map has none."""
+    if days_between(0, training.stamps_ns[0]):  # else it is stamped from 0 on
+        return int(training.stamps_ns[0])
+    others = [name for name in settings.sequences if name not in settings.train]
+    submaps = (store.read(settings.submaps / f"{name}.zarr", schemas.Submaps) for name in others)
+    return min((int(one.stamps_ns[0]) for one in submaps), default=0)
 
 
 def grid_of(settings: Settings, training: schemas.Submaps) -> Grid:

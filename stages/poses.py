@@ -29,7 +29,9 @@ from pipeline.matching.places import Places
 from pipeline.matching.ranking import Rows
 from pipeline.posing.answers import PosedQuery, Posing
 from pipeline.posing.learned_verdict import VERDICT, Learned, basis
+from pipeline.posing.map_verdict import NOT_CALIBRATED, usual
 from pipeline.posing.queries import Queries
+from pipeline.posing.search import Fixer
 from pipeline.posing.validation import Drive, TrainingDay
 from stages import EachSequence, ProgressBar, build, stage
 
@@ -84,12 +86,18 @@ PosedQueries = Callable[[str], list[PosedQuery]]
 def main(settings: Settings) -> str:
     name = f"{settings.train}.zarr"
     labels = store.read(settings.labels / name, schemas.Labels)
+    targets = store.read(settings.map / name, schemas.Maps, schemas.TiledMaps)
     sweeps = Sweeps.of(store.read(settings.scans / name, schemas.Scans), is_posed=True)
     with instantiate(settings.compute) as compute, store.replace(settings.out) as folder:
         folder.mkdir()
         # learn the verdict from the training day
-        right_within = LEVEL_RIGHT_WITHIN if sweeps.is_level else RIGHT_WITHIN
-        if sweeps.is_level:
+        is_map = isinstance(targets, schemas.TiledMaps)
+        is_level = not is_map and sweeps.is_level
+        right_within = LEVEL_RIGHT_WITHIN if is_level else RIGHT_WITHIN
+        if is_map:
+            learned, posed_queries = usual_of_map(settings)
+            learned_with = scans_basis(settings)
+        elif is_level:
             learned, posed_queries = learned_of_sweeps(settings, sweeps)
             learned_with = sweeps_basis(sweeps, settings.unseen_share)
         else:
@@ -99,6 +107,8 @@ def main(settings: Settings) -> str:
         lines = [
             f"{learned.fix_count} fixes of {learned.verdict.validation_blocks} validation blocks"
         ]
+        if is_map:
+            lines = [f"the usual probabilities, {NOT_CALIBRATED}"]
         posing = Posing(
             learned.verdict,
             right_within,
@@ -122,9 +132,8 @@ def learned_of_scans(
     for the queries."""
     name = f"{settings.train}.zarr"
     fixer = instantiate(settings.fixer, **(settings.budget.poses or {}))
-    map_path = settings.map / name
     day = TrainingDay(
-        map_path,
+        settings.map / name,
         Drive(settings.scans / name, settings.submaps / name),
         Rows.read(settings.views / name),
         labels.places,
@@ -135,7 +144,19 @@ def learned_of_scans(
     validation = instantiate(settings.validation)
     evidence = validation.evidence(fixer, day, compute, ProgressBar())
     learned = Learned.of(evidence, evidence.verdict(settings.unseen_share))
-    fixer = learned.tuned(fixer)
+    return learned, poser_of_scans(settings, learned.tuned(fixer), learned)
+
+
+def usual_of_map(settings: Settings) -> tuple[Learned, PosedQueries]:
+    """What is known of fixes in a 3-D map without validation blocks, and a function for the
+    queries."""
+    learned, fixer = usual(instantiate(settings.fixer, **(settings.budget.poses or {})))
+    return learned, poser_of_scans(settings, fixer, learned)
+
+
+def poser_of_scans(settings: Settings, fixer: Fixer, learned: Learned) -> PosedQueries:
+    """The function that registers the queries of a sequence of 3-D scans with the map."""
+    map_path = settings.map / f"{settings.train}.zarr"
     judge = learned.judge
 
     def posed_queries(sequence: str) -> list[PosedQuery]:
@@ -147,7 +168,7 @@ def learned_of_scans(
         )
         return [PosedQuery.of(fix, judge) for fix in queries.fixes(fixer, map_path, settings.k)]
 
-    return learned, posed_queries
+    return posed_queries
 
 
 def scans_basis(settings: Settings) -> str:

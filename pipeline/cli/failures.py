@@ -156,7 +156,7 @@ def _judged_of_study(name: str, day: str | None, target_precision: float | None)
     from pipeline.core.schemas import Fixes
     from pipeline.evaluation.failures import of_drive, reject_from
     from pipeline.mapping.from_above import Drive
-    from pipeline.posing.targets import Targets
+    from pipeline.posing.cut_outs import read_targets
     from pipeline.studies.layout import Layout
 
     study, grid, method = named_model(name)
@@ -175,7 +175,7 @@ def _judged_of_study(name: str, day: str | None, target_precision: float | None)
         )
     return JudgedFixes(
         fixes,
-        Targets.read(layout.path("map", study.name, study.train_text)),
+        read_targets(layout.path("map", study.name, study.train_text)),
         "no pose is accepted"
         if target_precision is None
         else f"target precision {target_precision:g}",

@@ -98,8 +98,9 @@ def pack(
 def map_options(like: list[Path], cell_m: float | None, origin: str | None) -> "MapOptions":
     """The options of a 3-D map; raises ConfigError for values that cannot be."""
     from pipeline.online.inputs import points_of_file
-    from pipeline.online.map_pack import VOXEL_M, MapOptions
+    from pipeline.online.map_pack import MapOptions
     from pipeline.online.site import finite
+    from pipeline.posing.map_day import VOXEL_M
 
     if len(like) > MOST_LIKE:
         raise ConfigError(f"--like: {len(like)} scans; expected at most {MOST_LIKE}")

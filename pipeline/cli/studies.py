@@ -23,9 +23,9 @@ if TYPE_CHECKING:  # at run time these would slow the start of every command
     from pipeline.studies.study import Study
 
 OPTIONS = (
-    "Data sets (files in conf/dataset) and options of their studies: root, log, split, train, "
-    "tests, learned, methods, world, budget, scale, experiment, seeds, variants, perturbed, cells, "
-    "poses, paths, latency; without any, the studies in use are written again"
+    "Data sets (files in conf/dataset) and options of their studies: root, map, log, split, "
+    "train, tests, learned, methods, world, budget, scale, experiment, seeds, variants, "
+    "perturbed, cells, poses, paths, latency; without any, the studies in use are written again"
 )
 
 

@@ -2,9 +2,9 @@
 
 An artifact is what one stage of the chain writes for the next; `core.store` reads and writes it by
 these classes: Scans, Estimates (poses by SLAM), Submaps, Views, Labels, Rankings, Fixes (poses of
-queries), Maps, Verdicts, Lifelong. Two further kinds are in `pipeline.evaluation`, beside the
-functions that make them: Evaluations and ViewpointMatches. docs/artifacts.md is generated from all
-of them.
+queries), Maps, TiledMaps, Verdicts, Lifelong. Two further kinds are in `pipeline.evaluation`,
+beside the functions that make them: Evaluations and ViewpointMatches. docs/artifacts.md is
+generated from all of them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -558,6 +558,52 @@ class Maps(Artifact, kind="maps", version=1):
     voxel_m: Annotated[float, "side of a voxel"]
     range_m: Annotated[float, "points farther from the anchor are left out"]
     single: Annotated[bool, "True if each submap is one scan, seen from one place"]
+
+
+@dataclass(frozen=True, eq=False)
+class TiledMaps(Artifact, kind="tiled_map", version=1):
+    """A 3-D map that a study learns instead of a drive, to register queries with its cut-outs."""
+
+    points: Annotated[
+        NDArray[np.int16],
+        Array(
+            ("point", "xyz"),
+            "one point a voxel, from the corner of its tile, in units of grain_m",
+            unit="grain_m",
+            chunk=32_768,
+        ),
+    ]
+    offsets: Annotated[
+        NDArray[np.int64],
+        Array(("tile+1",), "the points of tile i are points[offsets[i]:offsets[i + 1]]"),
+    ]
+    tile_corner_m: Annotated[
+        NDArray[np.float64],
+        Array(
+            ("tile", "xyz"),
+            "lower corner of each tile along x and y, and a height near its points",
+            unit="m",
+        ),
+    ]
+    world_T_anchor: Annotated[
+        NDArray[np.float64],
+        Array(
+            ("anchor", "row", "col"),
+            "pose on the ground of each anchor, around which the map is cut out",
+            unit="m",
+        ),
+    ]
+    walls: Annotated[
+        NDArray[np.uint8],
+        Array(("x", "y"), "points of walls in each cell, from above; 255 if there are more"),
+    ]
+    walls_corner_m: Annotated[
+        NDArray[np.float64], Array(("xy",), "lower corner of the first cell of walls", unit="m")
+    ]
+    grain_m: Annotated[float, "metres per unit of points"]
+    voxel_m: Annotated[float, "side of a voxel"]
+    range_m: Annotated[float, "points farther from the anchor are left out of its cut-out"]
+    cell_m: Annotated[float, "side of a cell of walls"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ BLIND = "blind_recall_at_1"
 """The row that every score has: the recall@1 of a single answer to every query."""
 DEGENERATE = "degenerate"
 """The row of a score that is degenerate: it is 1 where BLIND is HALF or more, or undefined."""
+UNCALIBRATED = "caveat_uncalibrated"
 NO_REFERENCE_POSES = "caveat_no_reference_poses"
 
 HALF = 0.5
@@ -43,6 +44,7 @@ MEANINGS = {
     "caveat_low": f"height of the submaps' highest points, if below {LOW_M} m",
     "caveat_windows": f"share of the drive that has no submap, since its window of sweeps was not "
     f"yet whole, if {HALF} or more",
+    UNCALIBRATED: "1 if poses are accepted by the usual probabilities, without validation blocks",
     NO_REFERENCE_POSES: "1 if the true poses were estimated from the same scans that are judged",
 }
 """Name of each caveat to the value in its row. A caveat that does not apply has no row."""

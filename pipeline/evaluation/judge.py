@@ -20,7 +20,7 @@ from pipeline.core.frames import RIGHT_WITHIN, Poses, distance_and_turn, turns, 
 from pipeline.core.schemas import Fixes, Labels, Rankings, SequenceRanking, Submaps
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.calibration import ece, probabilities
-from pipeline.evaluation.caveats import blind, unsuited
+from pipeline.evaluation.caveats import UNCALIBRATED, blind, unsuited
 from pipeline.evaluation.counts import TOP_N, even_thresholds, is_right_at
 from pipeline.evaluation.evaluations import (
     FALSE_NEGATIVE,
@@ -78,14 +78,17 @@ def judge_cases(
             f"{query_count} submaps"
         )
     claims: dict[str, float] = {}
+    doubts = unsuited(submaps)
     validation_precision: tuple[float, ...] = ()
     if isinstance(rankings, Rankings):
         validation_precision = rankings.validation_precision
     elif isinstance(rankings, Fixes):
         claims = {claim: rankings.reject_from(claim=claim) for claim in WEAKER_VERDICTS}
         # The first kind is the error probability of the pose. Its threshold reaches the target
-        # precision on validation blocks, or accepts nothing.
-        accepts_poses = rankings.thresholds[0] > ACCEPT_NOTHING
+        # precision on validation blocks, or accepts nothing; without blocks nothing is known.
+        accepts_poses = rankings.thresholds[0] > ACCEPT_NOTHING and rankings.validation_blocks > 0
+        if not rankings.validation_blocks:
+            doubts[UNCALIBRATED] = 1.0
         precision_of_poses = rankings.target_precision if accepts_poses else np.nan
         validation_precision = (precision_of_poses, *[np.nan] * (len(rankings.kinds) - 1))
     evaluations = {}
@@ -109,7 +112,7 @@ def judge_cases(
         evaluations[case] = replace(
             evaluation,
             claims=claims,
-            unsuited=unsuited(submaps),
+            unsuited=doubts,
             target_precision=rankings.target_precision,
             validation_precision=validation_precision,
         )

@@ -16,6 +16,7 @@ from pipeline.core.schemas import (
     Rankings,
     Scans,
     Submaps,
+    TiledMaps,
     Verdicts,
 )
 from pipeline.core.store import Artifact
@@ -31,6 +32,7 @@ KINDS: dict[str, type[Artifact]] = {
         *VIEW_KINDS,
         Labels,
         Maps,
+        TiledMaps,
         Rankings,
         Verdicts,
         Fixes,

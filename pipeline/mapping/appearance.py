@@ -23,6 +23,10 @@ NEAR_M = 15.0
 """Range within which the ground is searched for."""
 NEAR_POINTS = 100
 """With fewer points than this within NEAR_M, the ground is searched for among all points."""
+BELOW_M = 0.5
+MOST_BELOW = 0.2
+"""If more than this share of the points near the sensor lie BELOW_M under what would be the ground,
+the ground was cut off."""
 WIDEST_GAP_DEG = 3.0
 """A wider gap between the azimuths of two points is not covered by the sensor."""
 
@@ -38,7 +42,7 @@ def measure_appearance(
     """Return `azimuth_deg`, `ground_m` and `highest_m`, each a median over a few submaps.
 
     `azimuth_deg` is the degrees of azimuth with points, `ground_m` the z of the ground (NaN if the
-    points lie in one plane), and `highest_m` the 99th percentile of z.
+    points lie in one plane, or the ground was cut off), and `highest_m` the 99th percentile of z.
 
     A submap gathers the scans from `first` to `last` (submap,) that are `used` (scan,), placed by
     the poses `layout`. `ground_m` (submap,) is subtracted from all heights.
@@ -55,11 +59,13 @@ def measure_appearance(
         if len(points):
             range_m = np.hypot(points[:, 0], points[:, 1])
             azimuth_deg = measure_coverage_deg(points[range_m > 0])
-            ground_z_m = (
-                measure_ground_m(points, range_m)
-                if measure_thickness_m(points) > LEVEL_M
-                else np.nan
-            )
+            ground_z_m = np.nan
+            if measure_thickness_m(points) > LEVEL_M:
+                ground_z_m = measure_ground_m(points, range_m)
+            near_z_m = points[range_m < NEAR_M, 2]
+            below = np.count_nonzero(near_z_m < ground_z_m - BELOW_M)
+            if below > MOST_BELOW * len(near_z_m):
+                ground_z_m = np.nan
             highest_m = float(np.percentile(points[:, 2], 99))
             measures.append((azimuth_deg, ground_z_m, highest_m))
     if measures:

@@ -1,5 +1,5 @@
-"""BEV correlation: a scan's walls, slid over the walls of the whole map from above (ours; METHODS
-15).
+"""BEV correlation: a scan's walls, slid over the walls of the whole map from above; correlative
+scan matching, nothing is trained (ours; METHODS 15).
 
 Nothing is trained. `learn` draws the walls of all training views into one map. `localizer` finds
 the positions and headings at which a query's walls fit it best, wherever training was on its way:
@@ -18,12 +18,17 @@ from pipeline.core.frames import transformed
 from pipeline.core.progress import Progress
 from pipeline.core.settings import Count, NotNegative, Positive, checked
 from pipeline.mapping.wall_chart import WALL
-from pipeline.matching.correlation import Fits, WallMap
+from pipeline.matching.correlation import FEWEST, Fits, WallMap
 from pipeline.matching.database import Database, DescriptorMethod
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
+from pipeline.matching.rejection import NoveltyEvidence
 
 KIND = "misfit"
 """The only kind of novelty: one minus the score of the best position."""
+NO_EVIDENCE = NoveltyEvidence(
+    np.empty(0, bool), {KIND: np.empty(0)}, {KIND: np.empty(0)}, np.empty(0, np.int64)
+)
+"""What is known without validation blocks: with it, all queries are rejected."""
 DRAWN = "walls/"
 """Prefix of the map's arrays in a model."""
 
@@ -46,6 +51,9 @@ class BevCorrelation(DescriptorMethod):
     """Number of blocks of 8 m of which all positions are computed."""
     apart_m: Positive = 4.0
     """Answers are at least this far apart."""
+    of_map: bool = False
+    """Whether the training views are of the squares of a 3-D map (posing/map_day.py): each wall is
+    in one view only, and nothing is validated with them."""
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Draw the map of the training views; raises InputError unless each view has a place."""
@@ -70,7 +78,7 @@ class BevCorrelation(DescriptorMethod):
                 misfits[i] = 1 - fits.scores[columns[0]] if len(columns) else 1.0
             return misfits, rows
 
-        evidence = database.evidence(search, views, self)
+        evidence = NO_EVIDENCE if self.of_map else database.evidence(search, views, self)
         arrays = evidence.arrays()
         drawn = self._drawn(images, views.world_T_anchor, reach_cells)
         return {
@@ -124,6 +132,8 @@ class BevCorrelation(DescriptorMethod):
             drawn_cells = np.floor(transformed(pose, level_m)[:, :2] / self.cell_m)
             cells.append(np.unique(drawn_cells.astype(np.int64), axis=0))
         wall = np.concatenate(cells)
+        if self.of_map:  # no wall is taken for a stray
+            wall = np.repeat(wall, FEWEST, axis=0)
         anchor = np.floor(world_T_anchor[:, :2, 3] / self.cell_m).astype(np.int64)
         return drawn_map(wall, anchor, self.candidates_m, self.cell_m, reach_cells)
 

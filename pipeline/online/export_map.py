@@ -15,9 +15,9 @@ from pipeline.formats import nav2_map
 from pipeline.mapping.map_output import MapOutput
 from pipeline.mapping.tiled_map import Thinning, TiledMap
 from pipeline.online import site_file
-from pipeline.online.map_pack import VOXEL_M
 from pipeline.online.site_file import LevelParts, Parts
 from pipeline.opening.map_files import SIMULATED
+from pipeline.posing.map_day import VOXEL_M
 from pipeline.posing.targets import Targets
 
 NAV2_SUFFIXES = (".yaml", ".yml")

@@ -10,7 +10,7 @@ The verdict has the usual probabilities, since the map has no scans to validate 
 `yearloc calibrate` learns it from a drive.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,53 +21,33 @@ from pipeline.core.errors import InputError
 from pipeline.core.frames import Poses
 from pipeline.core.grid import Grid
 from pipeline.core.progress import Progress
-from pipeline.mapping.local_ground import LocalGround
-from pipeline.mapping.no_map import hidden_share, upward_axis
-from pipeline.mapping.tiled_map import GRAIN_M, TILE_M, Thinning, TiledMap
-from pipeline.matching.correlation import WallMap
+from pipeline.mapping.anchored_map import NEAR_M, SPACING_M, AnchoredMap
+from pipeline.mapping.tiled_map import GRAIN_M, Thinning, TiledMap
 from pipeline.matching.database import Database
-from pipeline.methods.bev_correlation import BevCorrelation, drawn_map, model_arrays
+from pipeline.methods.bev_correlation import BevCorrelation, model_arrays
 from pipeline.online import site_file
 from pipeline.online.level_pack import LEVEL_VERSIONS
 from pipeline.online.sensor import typical
 from pipeline.online.site_file import Parts
 from pipeline.online.site_json import MapSettings, Provenance, Sensor, Settings, SiteDescription
 from pipeline.opening.map_files import FARTHEST_M, MapFiles
-from pipeline.posing.cut_outs import SPACING_M
 from pipeline.posing.expectations import Expectations
-from pipeline.posing.map_verdict import NOT_CALIBRATED, usual_verdict
-from pipeline.views.walls import Walls as WallView
+from pipeline.posing.map_day import RANGE_M, VOXEL_M, drawn_walls
+from pipeline.posing.map_verdict import NOT_CALIBRATED, ROUNDS, WALLS_M, usual_verdict
 
-VOXEL_M = 0.4
-"""The map has one point in each voxel with this side."""
-RANGE_M = 60.0
-"""A query is registered with the points within this distance of an anchor."""
-WALLS_M = 50.0
-"""A query's walls up to this distance are compared with the map's."""
-NEAR_M = 20.0
-"""A scan may have been taken this near to a point of the map."""
 PLACE_M = 10.0
 """Side of a place."""
 K = 25
 """Number of positions that the search ranks."""
 COARSEST_M = 0.02
 """Coordinates in larger steps are told to the user."""
-MOST_OF_A_SCAN = 200_000
-"""A scan has no more voxels."""
-LEAST_HIDDEN = 0.13
-"""At least this share of a map's points is hidden behind others, seen from its origin: at most
-.11 of a recorded scan, .15 of a map of the first 50 m of a drive, .5 and more of larger maps."""
-AXES_M = 100.0
-"""The points this near to the fullest tile tell a map's axes."""
 METHOD = "pipeline.methods.bev_correlation.BevCorrelation"
 VIEW = "pipeline.views.walls.Walls"
 FIXER: Settings = {
     "_target_": "pipeline.posing.search.Fixer",
     "walls": {"_target_": "pipeline.posing.walls.Walls", "range_m": WALLS_M},
-    "rounds": (5,),
+    "rounds": ROUNDS,
 }
-"""One round of further answers: the search from above has ranked them by the whole map, so the
-first is nearly always right, and a second round of cut-outs only takes time."""
 READER: Settings = {"_target_": "pipeline.readers.folder.Folder"}
 """The reader of logs that are localised in it; bags and folders of scans need none."""
 MAP_VERSIONS = (*LEVEL_VERSIONS, "small_gicp")
@@ -146,23 +126,10 @@ def parts_of_map(
     progress: Progress,
 ) -> tuple[Parts, list[str]]:
     """The content of the site of a tiled map, and lines on the map."""
-    tiled, strays = tiled.without_strays()
-    if tiled.unfit:
-        raise InputError(f"{name}: {tiled.unfit}")
-    _refuse_scan(name, tiled, options.origin_m)
     cut_m = _cut_m(options.like)
-    ground = LocalGround.of(
-        progress.track(tiled.tiles_m(), len(tiled), "fit the ground"), cut_m=cut_m
-    )
-    if not ground.has_ground:
-        _refuse_axes(name, tiled)
-    drawn = _drawn(progress.track(tiled.tiles_m(), len(tiled), "draw the walls"), ground)
-    anchors = _anchors(drawn, ground)
-    if not len(anchors) or not drawn.counts.any():
-        raise InputError(
-            f"{name}: nothing stands {WallView().low_m:g} m or more above its ground: a map "
-            "without walls or trees cannot be searched"
-        )
+    anchored = AnchoredMap.of(tiled, name, cut_m, progress, options.origin_m)
+    tiled, anchors = anchored.tiled, anchored.world_T_anchor
+    drawn = drawn_walls(anchored, name, progress)
     grid, cells, place_of_anchor = _places(anchors)
     database = Database(place_of_anchor, anchors[:, :2, 3], np.zeros(len(anchors)))
     method = BevCorrelation()
@@ -187,31 +154,7 @@ def parts_of_map(
         **Expectations().arrays,
     }
     model = {**model_arrays(drawn), **database.arrays()}
-    return Parts(description, model, arrays, None), _lines(tiled, ground, anchors, strays)
-
-
-def _refuse_scan(name: str, tiled: TiledMap, origin_m: tuple[float, float, float]) -> None:
-    """Raise InputError for a single scan around the origin of its file."""
-    low_m, high_m = (edge_m + np.array(origin_m) for edge_m in tiled.box_m)
-    if len(tiled.points) > MOST_OF_A_SCAN or (low_m[:2] > 0).any() or (high_m[:2] < 0).any():
-        return
-    points_m = np.concatenate(list(tiled.tiles_m())) + np.array(origin_m)
-    if hidden_share(points_m) < LEAST_HIDDEN:
-        raise InputError(
-            f"{name}: its points are all seen from its origin, as those of one scan; expected a "
-            "map with the points of all scans in one frame"
-        )
-
-
-def _refuse_axes(name: str, tiled: TiledMap) -> None:
-    """Raise InputError for a map whose ground shows that z is not upwards."""
-    largest = int(np.diff(tiled.offsets).argmax())
-    middle_m = tiled.tile_corner_m[largest, :2] + TILE_M / 2
-    axis = upward_axis(tiled.around(middle_m, AXES_M))
-    if axis is not None:
-        raise InputError(
-            f"{name}: its ground lies level if {axis} is upwards; expected z upwards: turn the map"
-        )
+    return Parts(description, model, arrays, None), _lines(anchored)
 
 
 def _cut_m(like: Sequence[NDArray[np.float64]]) -> float | None:
@@ -223,34 +166,6 @@ def _cut_m(like: Sequence[NDArray[np.float64]]) -> float | None:
     if not lowest_m or min(lowest_m) < 0.1:
         return None
     return float(np.median(lowest_m))
-
-
-def _drawn(tiles_m: Iterable[NDArray[np.float64]], ground: LocalGround) -> WallMap:
-    """The walls of the map from above, and where a scan may have been taken."""
-    view = WallView()
-    walls = [np.empty((0, 2), np.int64)]
-    visited = [np.empty((0, 2), np.int64)]
-    for points_m in tiles_m:
-        cells = np.floor(points_m[:, :2] / view.cell_m).astype(np.int64)
-        above_m = points_m[:, 2] - ground.heights_m(points_m[:, :2])
-        walls.append(cells[(above_m > view.low_m) & (above_m < view.high_m)])
-        visited.append(np.unique(cells, axis=0))
-    return drawn_map(
-        np.concatenate(walls), np.concatenate(visited), NEAR_M, view.cell_m, view.shape[0] // 2
-    )
-
-
-def _anchors(drawn: WallMap, ground: LocalGround) -> Poses:
-    """Poses (n, 4, 4) on the ground, on a grid of SPACING_M wherever a scan may be."""
-    low = np.floor(drawn.corner_m / SPACING_M)
-    counts = np.ceil(np.array(drawn.is_candidate.shape) * drawn.cell_m / SPACING_M) + 1
-    steps = np.argwhere(np.ones(counts.astype(np.int64), bool))
-    xy_m = (low + steps + 0.5) * SPACING_M
-    cell = np.floor((xy_m - drawn.corner_m) / drawn.cell_m).astype(np.int64)
-    is_inside = ((cell >= 0) & (cell < drawn.is_candidate.shape)).all(axis=1)
-    xy_m, cell = xy_m[is_inside], cell[is_inside]
-    poses = ground.poses(xy_m[drawn.is_candidate[tuple(cell.T)]])
-    return poses[np.isfinite(poses).all(axis=(1, 2))]
 
 
 def _places(anchors: Poses) -> tuple[Grid, NDArray[np.int64], NDArray[np.int64]]:
@@ -270,8 +185,9 @@ def _sensor(like: Sequence[NDArray[np.float64]]) -> Sensor:
     return typical(like, 0.0)
 
 
-def _lines(tiled: TiledMap, ground: LocalGround, anchors: Poses, strays: int) -> list[str]:
+def _lines(anchored: AnchoredMap) -> list[str]:
     """Lines for the user on the map."""
+    tiled, ground = anchored.tiled, anchored.ground
     low_m, high_m = tiled.box_m
     x_m, y_m, _ = high_m - low_m
     tilt_deg = ground.tilt_deg[np.isfinite(ground.tilt_deg)]
@@ -280,8 +196,8 @@ def _lines(tiled: TiledMap, ground: LocalGround, anchors: Poses, strays: int) ->
         f"map: {len(tiled.points):,} voxels in {len(tiled)} tiles over {x_m:.0f} × {y_m:.0f} m",
         f"ground: {shown}, {np.median(tilt_deg):.1f}° off level in the median, "
         f"{np.quantile(tilt_deg, 0.99):.1f}° at most",
-        f"anchors: {len(anchors):,}, one every {SPACING_M:g} m",
+        f"anchors: {len(anchored.world_T_anchor):,}, one every {SPACING_M:g} m",
     ]
-    if strays:
-        lines.append(f"strays: {strays:,} voxels in nearly empty tiles are left out")
+    if anchored.strays:
+        lines.append(f"strays: {anchored.strays:,} voxels in nearly empty tiles are left out")
     return lines

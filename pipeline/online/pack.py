@@ -88,6 +88,11 @@ class Trained:
         """
         dataset = study.name
         name = f"{dataset}/{grid}/{model_name}"
+        if study.map:
+            raise ConfigError(
+                f"{name}: learned a 3-D map, which is packed without a study: "
+                f"`yearloc pack --map {study.map} -o FILE.site`"
+            )
         method, variant = _method_and_variant(study, name, model_name)
         train = study.train_text
         view = method.view_of(variant)

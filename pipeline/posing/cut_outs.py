@@ -7,22 +7,30 @@ so its answers, with their headings, are the only candidates.
 """
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from pipeline.core import schemas, store
 from pipeline.core.frames import transformed
-from pipeline.mapping.tiled_map import GRAIN_M, TiledMap
+from pipeline.mapping.tiled_map import ARRAYS, GRAIN_M, TiledMap
 from pipeline.mapping.wall_chart import BLOCK, Chart, bounded
 from pipeline.matching.correlation import WallMap
 from pipeline.posing.registration import Points
 from pipeline.posing.targets import Targets
 from pipeline.posing.walls import Walls
 
-SPACING_M = 8.0
-"""Distance of neighbouring anchors along each axis of their grid; a whole number of metres."""
+
+def read_targets(path: Path) -> Targets:
+    """Read the targets of a map artifact: the submaps of a drive, or cut-outs of a 3-D map.
+
+    Raises ArtifactError if there is none.
+    """
+    is_tiled = isinstance(store.read(path, schemas.Maps, schemas.TiledMaps), schemas.TiledMaps)
+    return CutOuts.read(path) if is_tiled else Targets.read(path)
 
 
 CACHED_CLOUDS = 32
@@ -47,6 +55,19 @@ class CutOuts(Targets):
         super().__init__(arrays, grain_m, range_m, single=False, cached_clouds=CACHED_CLOUDS)
         self.tiled_map = TiledMap.of_arrays(arrays)
         self.drawn = drawn
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Read the cut-outs of an artifact of a map; raises ArtifactError if there is none."""
+        artifact = store.read(path, schemas.TiledMaps)
+        counts = artifact.load("walls")
+        nowhere = np.zeros(counts.shape, bool)  # candidates are the ranking's business
+        reach_cells = int(np.ceil(artifact.range_m / artifact.cell_m))
+        drawn = WallMap(
+            counts, nowhere, artifact.load("walls_corner_m"), artifact.cell_m, reach_cells
+        )
+        arrays = {name: artifact.load(name) for name in (*ARRAYS, "world_T_anchor")}
+        return cls(arrays, drawn, artifact.grain_m, artifact.range_m)
 
     def points_m(self, row: int) -> Points:
         """The points (n, 3) of the map around a row's anchor, in the anchor's frame."""

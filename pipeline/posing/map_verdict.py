@@ -9,6 +9,8 @@ from dataclasses import replace
 
 from pipeline.matching.rejection import ACCEPT_NOTHING
 from pipeline.posing.fix import ScanFix
+from pipeline.posing.learned_verdict import Learned
+from pipeline.posing.search import Fixer
 from pipeline.posing.verdict import (
     CLAIMS,
     TARGET_PRECISIONS,
@@ -19,6 +21,11 @@ from pipeline.posing.verdict import (
     tested,
 )
 
+WALLS_M = 50.0
+"""A query's walls up to this distance are compared with the map's."""
+ROUNDS = (5,)
+"""One round of further answers: the search from above has ranked them by the whole map, so the
+first is nearly always right, and a second round of cut-outs only takes time."""
 UNSEEN_SHARE = 0.2
 """The expected share of queries from places that the map does not have."""
 USUAL_THRESHOLDS: ClaimThresholds = dict.fromkeys(CLAIMS, (0.05, 0.01, ACCEPT_NOTHING))
@@ -39,6 +46,13 @@ def usual_verdict() -> Verdict:
     return Verdict(
         USUAL.pose, USUAL.place, TARGET_PRECISIONS, USUAL_THRESHOLDS, 0, UNSEEN_SHARE, usual
     )
+
+
+def usual(fixer: Fixer) -> tuple[Learned, Fixer]:
+    """What is known without validation blocks, and the search with the settings of maps."""
+    learned = Learned(usual_verdict(), fix_count=0)
+    walls = replace(fixer.walls, range_m=WALLS_M)
+    return learned, replace(learned.tuned(fixer), walls=walls, rounds=ROUNDS)
 
 
 def calibrated(evidence: FixEvidence[ScanFix]) -> Verdict:

@@ -17,10 +17,10 @@ from pipeline.core.errors import InputError
 from pipeline.core.store import A
 from pipeline.mapping.gathering import submap_points
 from pipeline.perturbations import Case, Perturbation, generator, read_cases
+from pipeline.posing.cut_outs import read_targets
 from pipeline.posing.fix import ScanFix
 from pipeline.posing.registration import Points
 from pipeline.posing.search import Answers, Fixer
-from pipeline.posing.targets import Targets
 
 
 class Candidates(NamedTuple):
@@ -51,7 +51,7 @@ class Queries:
         The candidates are the first `k` places of each ranking. Raises InputError for a ranking
         that has not these submaps in these cases, and for a case that no perturbation makes.
         """
-        targets = Targets.read(map_path)
+        targets = read_targets(map_path)
         scans = self._read(self.scans, schemas.Scans)
         submaps = self._read(self.submaps, schemas.Submaps)
         stamps_ns = submaps.load("stamps_ns")

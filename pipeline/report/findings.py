@@ -70,7 +70,8 @@ def answer(study: StudyResults) -> Finding:
     return Finding(
         "answer",
         where=study.where,
-        train=day(study.train),
+        train=day(study.training),
+        of_map=bool(study.settings.map),
         tests=len(groups[study.ranked[0]]),
         budget=float(record.recipe["budget"]) if was_cut else None,
         near_m=study.distance.correct_m,

@@ -115,7 +115,7 @@ def terminal_text(study: StudyResults, figures: int) -> str:
 def _blocks(study: StudyResults) -> Iterator[str]:
     """The lines and tables of a study, as its experiment has them."""
     if study.settings.tests_over_days:
-        yield f"{study.where}, trained on {study.train} alone, cells of {study.cell_m:g} m\n"
+        yield f"{study.where}, trained on {study.training} alone, cells of {study.cell_m:g} m\n"
         yield tables.setup(study, longest=78).text()
         for protocol, number in product(tables.DISTANCE_FIRST, tables.MAIN_NUMBERS):
             main_table = tables.main_number(study, protocol, number)

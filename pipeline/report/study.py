@@ -83,6 +83,11 @@ class StudyResults:
         return self.settings.train_text
 
     @property
+    def training(self) -> str:
+        """What was learned, for a sentence: the training sequences, or a 3-D map."""
+        return self.settings.training
+
+    @property
     def simulated(self) -> bool:
         """Whether the data set is a simulated world."""
         return self.settings.simulated

@@ -13,10 +13,12 @@ from typing import Any, Self
 
 from pipeline.core.building import TARGET, build, target_class
 from pipeline.core.errors import ConfigError, NotInstalledError
+from pipeline.opening.map_files import MapFiles
 from pipeline.readers.log import READERS, Reader
 from pipeline.readers.splits import Split, names
 from pipeline.running.texts import read_yaml
 from pipeline.studies.layout import Layout
+from pipeline.studies.study import MAP_SEQUENCE
 
 SAFE_PATH = re.compile(r"[\w./~+@ -]+")
 """Paths that no shell or yaml misreads."""
@@ -123,6 +125,8 @@ def recorded_drives(
     or no test sequence is left.
     """
     logs = LogFolder.searched(_root(name, options), name, reader, defaults["expected"])
+    if MAP_SEQUENCE in options:
+        return _drives_on_map(logs, options)
     default_train = defaults["train"]
     default_tests = list(defaults["tests"])
     named_splits = _named_splits(options, logs.readable)
@@ -153,6 +157,33 @@ def recorded_drives(
     )
 
 
+def _drives_on_map(logs: LogFolder, options: Mapping[str, str]) -> Drives:
+    """The drives that are tested on a 3-D map; raises ConfigError if there is none."""
+    if MAP_SEQUENCE in logs.missing:
+        raise ConfigError(
+            f"{logs.root / MAP_SEQUENCE}: a sequence of this name, which is kept for the map: "
+            "rename it"
+        )
+    return Drives(
+        world="recorded",
+        root=str(logs.root),
+        train=MAP_SEQUENCE,
+        tests=_test_sequences(logs, options, [], [MAP_SEQUENCE]),
+        budget="full",
+        notes=logs.notes,
+    )
+
+
+def map_path(path: str) -> str:
+    """The whole path of a 3-D map, as a study has it.
+
+    Raises LogError for a path that is no map, ConfigError for one that cannot be used.
+    """
+    files = Path(path).expanduser()
+    MapFiles.of([files])
+    return _safe("map", files.resolve())
+
+
 def _root(name: str, options: Mapping[str, str]) -> Path:
     """The folder of the logs; raises ConfigError if it is not given, or cannot be used."""
     if "root" not in options:
@@ -160,13 +191,17 @@ def _root(name: str, options: Mapping[str, str]) -> Path:
     root = Path(options["root"]).expanduser()
     if not root.is_dir():
         raise ConfigError(f"root={options['root']}: no such folder")
-    root = root.resolve()
-    if not SAFE_PATH.fullmatch(str(root)):
+    return Path(_safe("root", root.resolve()))
+
+
+def _safe(option: str, path: Path) -> str:
+    """The path as text; raises ConfigError if a shell or yaml would misread it."""
+    if not SAFE_PATH.fullmatch(str(path)):
         raise ConfigError(
-            f"root={root}: a path of letters, digits, blanks and ./_-+@~ is needed; a link with "
-            "such a name will do"
+            f"{option}={path}: a path of letters, digits, blanks and ./_-+@~ is needed; a link "
+            "with such a name will do"
         )
-    return root
+    return str(path)
 
 
 def _named_sequences(options: Mapping[str, str]) -> list[str]:

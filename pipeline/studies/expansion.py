@@ -21,6 +21,7 @@ and settings."""
 
 LISTS = (
     "drives",
+    "squares",
     "slam",
     "slam_further",
     "submaps",
@@ -71,13 +72,19 @@ def expand(studies: Mapping[str, Study]) -> Lists:
 def _add_drives(lists: Lists, study: Study) -> None:
     """Add the logs, scans, estimated poses and submaps of each sequence."""
     dataset = study.name
-    for sequence in study.sequences:
+    for sequence in study.drives:
         slam_names = (dataset, sequence) if study.slam else (dataset,)
         lists["drives"][f"{dataset}-{sequence}"] = {
             "dataset": dataset,
             "sequence": sequence,
             "slam": _path("slam", *slam_names),
             **_drive(study),
+        }
+    if study.map:
+        lists["squares"][f"{dataset}-{study.train_text}"] = {
+            "dataset": dataset,
+            "sequence": study.train_text,
+            "files": study.map,
         }
     if study.slam:
         train = study.train[0]
@@ -214,7 +221,8 @@ def _add_answers(
         _add_absent(lists, "perturbed", dataset, model_settings["view"])
     lists["rankings"][instance] = {**model_settings, **queries}
     if is_own_grid and model.family in study.poses:
-        lists["maps"][dataset] = {"dataset": dataset, "train": study.train_text}
+        if not study.map:  # the stage `squares` writes such a map
+            lists["maps"][dataset] = {"dataset": dataset, "train": study.train_text}
         lists["poses"][instance] = {**model_settings, **queries, "budget": study.budget}
     for answers in study.answers_of(model) if is_own_grid else [model]:
         lists["evaluations"][_instance(study, grid, answers)] = {

@@ -15,10 +15,11 @@ from typing import Any, cast
 from pipeline.core.errors import ConfigError
 from pipeline.readers.splits import Split
 from pipeline.running.texts import read_yaml
-from pipeline.studies.discovery import Drives, recorded_drives, simulated_drives
+from pipeline.studies.discovery import Drives, map_path, recorded_drives, simulated_drives
 from pipeline.studies.study import (
     EXPERIMENTS,
     LIFELONG,
+    MAP_SEQUENCE,
     TOLERANCE,
     VIEWPOINTS,
     YEAR,
@@ -53,6 +54,10 @@ NEEDLESS = {
     LIFELONG: {"perturbed", "cells", "poses", "paths", "latency"},
 }
 """By experiment, the options of `yearloc use` that have no effect on its studies."""
+OF_MAPS = ("bev_correlation",)
+"""The methods that learn a 3-D map: others look at it from where a sensor was."""
+DRIVEN = ("experiment", "log", "perturbed", "scale", "split", "train")
+"""The options of `yearloc use` that need a drive to learn, not a 3-D map."""
 SLAM = "slam"
 """The word after `poses=` by which poses are estimated from the scans; other words name models."""
 REPLAYED = "replayed"
@@ -107,7 +112,11 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> tuple[Study, l
     dataset = read_yaml(file_of(conf, "dataset", name, f"no data set {name}: expected one of"))
     experiment = cast(Experiment, options.get("experiment", YEAR))  # `_defaults` refuses any other
     _refuse_unknown(name, dataset, experiment, options)
-    request = Request(conf, options, _defaults(conf, name, dataset["study"], experiment))
+    defaults = _defaults(conf, name, dataset["study"], experiment)
+    if MAP_SEQUENCE in options:
+        defaults = {**defaults, "methods": OF_MAPS, "poses": OF_MAPS, "variants": {}}
+        defaults |= {"perturbed": {}, "views": {}}
+    request = Request(conf, options, defaults)
     if dataset["simulated"]:
         drives = simulated_drives(conf, name, request.defaults, options)
     else:
@@ -153,6 +162,23 @@ def first_choices(
         ),
         tolerance=Tolerance.read(conf, TOLERANCE),
     )
+
+
+def with_map(study: Study, request: Request) -> Study:
+    """The study that learns a 3-D map instead of a drive, if the option is given.
+
+    Raises ConfigError for methods that learn no map, LogError for a path that is no map.
+    """
+    if not request.has(MAP_SEQUENCE):
+        return study
+    for method in study.methods:
+        if method.name not in OF_MAPS:
+            raise ConfigError(
+                f"methods={method.name}: learns scans, and a map has none; expected "
+                f"{', '.join(OF_MAPS)}"
+            )
+    methods = tuple(replace(method, settings={"of_map": True}) for method in study.methods)
+    return replace(study, map=map_path(request.options[MAP_SEQUENCE]), methods=methods)
 
 
 def with_stress(study: Study, request: Request) -> Study:
@@ -336,6 +362,8 @@ def with_poses(study: Study, request: Request) -> Study:
             f"paths={request.options['paths']}: joins poses along a drive; say poses=METHOD too"
         )
     is_slam = SLAM in request.options.get("poses", "").split(",")
+    if is_slam and study.map:
+        raise ConfigError("poses=slam: poses in a map are not estimated; the drives need their own")
     return replace(study, poses=tuple(poses), paths=tuple(paths), slam=is_slam)
 
 
@@ -367,7 +395,11 @@ def _refuse_unknown(
     """Raise ConfigError for an option that the data set or the experiment does not take."""
     allowed = set(OPTIONS)
     allowed |= {"learned"} if experiment == LIFELONG else set()
-    allowed |= {"world"} if dataset["simulated"] else {"root", "log", "split", "train"}
+    allowed |= (
+        {"world"} if dataset["simulated"] else {"root", "log", "split", "train", MAP_SEQUENCE}
+    )
+    if MAP_SEQUENCE in options:
+        allowed -= set(DRIVEN)
     needless = NEEDLESS.get(experiment, set())
     for option in needless:
         switches_off = options.get(option) in ("", "no")
@@ -375,6 +407,7 @@ def _refuse_unknown(
             allowed.discard(option)
     if unknown := sorted(set(options) - allowed):
         request = f"{name} experiment={experiment}" if needless else name
+        request += " with map=" if MAP_SEQUENCE in options else ""
         raise ConfigError(
             f"{request} has no option {unknown[0]}: expected {', '.join(sorted(allowed))}"
         )
@@ -431,6 +464,7 @@ def evenly_chosen(tests: list[str], number: int) -> list[str]:
 
 
 CHANGES = (
+    with_map,
     with_stress,
     with_scale,
     with_models,

@@ -34,6 +34,8 @@ VIEWS: Final = "views"
 """The stage that draws views of single submaps."""
 BIRD_VIEWS: Final = "birdviews"
 """The stage that draws bird-views, of an octree of all scans so far."""
+MAP_SEQUENCE: Final = "map"
+"""The training sequence of a study that learns a 3-D map instead of a drive."""
 VIEW_WORD = "method.view="
 """The beginning of the word by which a variant looks at another view than its method."""
 EMPTY: tuple[object, ...] = ("", [], {}, None)
@@ -53,6 +55,7 @@ KEYS = (
     "world",
     *SIMULATED,
     "root",
+    "map",
     "slam",
     "train",
     "tests",
@@ -218,6 +221,8 @@ class Study:
     """Whether the cost of a query is measured."""
     slam: bool = False
     """Whether poses are estimated from the scans, not read from the logs."""
+    map: str = ""
+    """The 3-D map that is learned instead of a drive, a file or a folder of tiles; or nothing."""
     key_order: tuple[str, ...] = field(default=(), compare=False)
     """The keys that conf/studies.yaml has, in its order, so that it is written in this order."""
 
@@ -274,9 +279,19 @@ class Study:
         return SIMULATED if self.simulated else RECORDED
 
     @property
+    def drives(self) -> tuple[str, ...]:
+        """All sequences that are drives: without the 3-D map that may stand for training."""
+        return tuple(name for name in self.sequences if not self.map or name not in self.train)
+
+    @property
     def train_text(self) -> str:
         """The training sequences as a stage's command line has them, with blanks between."""
         return " ".join(self.train)
+
+    @property
+    def training(self) -> str:
+        """What was learned, for a sentence: the training sequences, or a 3-D map."""
+        return "a 3-D map" if self.map else self.train_text
 
     @property
     def tests_over_days(self) -> bool:

@@ -34,6 +34,14 @@ def test_an_open_square_with_a_wall(tmp_path: Path) -> None:
     )
 
 
+def test_ground_that_was_cut_off_is_not_found_higher_up(tmp_path: Path) -> None:
+    """A wall from .3 m up has 200 points, a canopy at 3 m 400: a third lie far below the canopy."""
+    wall = np.column_stack([np.full(200, 6.0), np.zeros(200), np.linspace(0.3, 2, 200)])
+    x, y = np.meshgrid(np.linspace(-5, 5, 20), np.linspace(-5, 5, 20))
+    canopy = np.column_stack([x.ravel(), y.ravel(), np.full(400, 3.0)])
+    assert np.isnan(looks(tmp_path, np.concatenate([wall, canopy]))["ground_m"])
+
+
 def test_a_level_laser_has_no_ground(tmp_path: Path) -> None:
     azimuth = np.radians(np.arange(360))
     found = looks(

@@ -274,3 +274,14 @@ def test_lists_that_a_hand_left_behind_are_refused() -> None:
     for broken in (None, [], {"drives": None}):
         with pytest.raises(ConfigError, match=r"conf/lists.yaml does not follow"):
             check_lists(made(one=ONE), broken)
+
+
+def test_a_map_is_cut_into_squares_and_no_other_stage_reads_its_files() -> None:
+    drives = {"source": "readers", "reads": "reader", "world": "recorded", "root": "r"}
+    of_map = {"train": "map", "map": "/m.pcd", "poses": ["sci"]}
+    lists = expanded(one=ONE | drives | of_map)
+    assert lists["squares"] == {"one-map": {"dataset": "one", "sequence": "map", "files": "/m.pcd"}}
+    assert [*lists["drives"]] == ["one-b", "one-c"]
+    assert lists["submaps"]["one"]["sequences"] == "map b c"
+    assert not lists["maps"]  # the stage `squares` writes it
+    assert {pose["train"] for pose in lists["poses"].values()} == {"map"}

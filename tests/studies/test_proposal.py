@@ -1,11 +1,12 @@
 """Each step of a proposal changes a study in one way, and refuses what it cannot mean."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from pipeline.core.errors import ConfigError
+from pipeline.core.errors import ConfigError, YearlocError
 from pipeline.studies.proposal import (
     Request,
     propose,
@@ -18,6 +19,9 @@ from pipeline.studies.proposal import (
     with_stress,
     with_timing,
 )
+from pipeline.studies.study import Study
+from tests.mapping import made_map
+from tests.readers.damage import one_line
 from tests.studies.made import CONF, RECORDED, study
 
 DEFAULTS: dict[str, Any] = {
@@ -127,3 +131,50 @@ def test_viewpoints_need_methods_on_bird_views_and_latency_is_yes_or_no() -> Non
 def test_a_proposal_is_read_as_it_is_written() -> None:
     proposed, _ = propose(CONF, "campus", {"experiment": "lifelong", "scale": "indoor"})
     assert study("campus", **proposed.table()) == proposed
+
+
+@pytest.fixture
+def drives(tmp_path: Path) -> Path:
+    """A root with the map `town.pcd` and the sequence `car`."""
+    return made_map.drive(tmp_path)
+
+
+def on_map(root: Path, **options: str) -> Study:
+    """The study of data set nova that learns the map."""
+    given = {"map": str(root / "town.pcd"), "root": str(root), **options}
+    return propose(CONF, "nova", given)[0]
+
+
+def test_a_map_is_learned_instead_of_a_drive(drives: Path) -> None:
+    study = on_map(drives)
+    assert (study.train, study.tests, study.drives) == (("map",), ("car",), ("car",))
+    assert study.map == str(drives / "town.pcd")
+    (method,) = study.methods
+    assert (method.name, method.settings) == ("bev_correlation", {"of_map": True})
+    assert study.poses == ("bev_correlation",)
+    assert study.training == "a 3-D map"
+    assert Study.of(CONF, "nova", study.table()) == study
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"methods": "sci"}, "methods=sci: learns scans, and a map has none"),
+        ({"train": "car"}, "nova with map= has no option train"),
+        ({"experiment": "robustness"}, "nova with map= has no option experiment"),
+        ({"poses": "slam"}, "poses=slam: poses in a map are not estimated"),
+        ({"tests": "map"}, "tests=map: is the training sequence"),
+        ({"map": "nowhere.pcd"}, "nowhere.pcd: no such map"),
+    ],
+)
+def test_what_a_map_cannot_do_is_refused(
+    drives: Path, options: dict[str, str], complaint: str
+) -> None:
+    with one_line(YearlocError, complaint):
+        on_map(drives, **options)
+
+
+def test_a_sequence_of_the_name_map_is_refused_beside_a_map(drives: Path) -> None:
+    (drives / "car").rename(drives / "map")
+    with one_line(ConfigError, "a sequence of this name, which is kept for the map: rename it"):
+        on_map(drives)
