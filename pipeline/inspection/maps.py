@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from pipeline.core.progress import Progress
 from pipeline.inspection.inspection import Inspection, box, metres, nbytes, typographic
 from pipeline.inspection.point_map import VOXEL_M, PointMap
-from pipeline.mapping.local_ground import CELL_M, USUAL_CUT_M, LocalGround, columns_with_ground
+from pipeline.mapping.local_ground import CELL_M, USUAL_CUT_M, LocalGround
+from pipeline.mapping.no_map import upward
 from pipeline.mapping.storeys import Storeys, storeys
 from pipeline.mapping.tiled_map import TiledMap
 from pipeline.views.walls import Walls
@@ -30,19 +31,6 @@ STOREYS_SHARE = 0.1
 """A map with storeys in this share of its cells is one of a building."""
 NOTABLE_CELLS = 3
 """Fewer cells with storeys are chance."""
-BLOCK_M = 100.0
-"""The vertical axis is looked for in the points nearer than this to the middle, along each axis."""
-MORE_GROUND = 2
-"""Another axis than z is up if so many times more columns show a ground along it."""
-TURNS: dict[str, tuple[str, NDArray[np.float64]]] = {
-    "y": ("(x, −z, y)", np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])),
-    "−y": ("(x, z, −y)", np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])),
-    "x": ("(y, z, x)", np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])),
-    "−x": ("(z, y, −x)", np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])),
-    "−z": ("(x, −y, −z)", np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])),
-}
-"""For each direction that may be up, other than z: the coordinates that put it right, in words and
-as the matrix that turns the points."""
 
 
 def describe_map(path: Path, inspection: Inspection, progress: Progress) -> None:
@@ -60,9 +48,9 @@ def describe_map(path: Path, inspection: Inspection, progress: Progress) -> None
         inspection.warn(f"it cannot be packed: {reason}")
         return
     inspection.add("ground", *_ground_rows(point_map, point_map.ground))
-    turned = _turned(point_map.tiled)
-    if turned:
-        up, coordinates = turned
+    other = upward(point_map.tiled)
+    if other:
+        up, coordinates = other
         inspection.warn(
             f"{up} seems to be up, not z: the points lie on a ground along it; save each point as "
             f"{coordinates}, and inspect that before you pack it"
@@ -231,27 +219,6 @@ def _storeys_text(found: Storeys) -> str:
         f"floors above each other on {area}, {share:.2g} % of the map, about "
         f"{found.apart_m:.1f} m apart"
     )
-
-
-def _turned(tiled: TiledMap) -> tuple[str, str] | None:
-    """The direction that seems to be up and the coordinates that put it right; None if it is z.
-
-    A direction is up if more ground lies along it than along z. A long wall is such a plane too,
-    so the points must reach less far along that direction than along z.
-    """
-    middle_m = np.median([tiled.tile_m(tile).mean(axis=0) for tile in range(len(tiled))], axis=0)
-    points_m = tiled.around(middle_m[:2], BLOCK_M)
-    points_m = points_m[np.abs(points_m[:, 2] - middle_m[2]) < BLOCK_M] - middle_m
-    if not len(points_m):
-        return None
-    low_m, high_m = np.quantile(points_m, (0.01, 0.99), axis=0)
-    sides_m = high_m - low_m
-    fewest = MORE_GROUND * max(columns_with_ground(points_m), 1)
-    for up, (coordinates, turn) in TURNS.items():
-        is_lower = up == "−z" or np.abs(turn[2]) @ sides_m < sides_m[2] / 2
-        if is_lower and columns_with_ground(points_m @ turn.T) > fewest:
-            return up, coordinates
-    return None
 
 
 def _origin(low_m: NDArray[np.float64], high_m: NDArray[np.float64]) -> str:

@@ -16,8 +16,8 @@ from pipeline.core.errors import InputError
 from pipeline.core.frames import Poses, transformed
 from pipeline.core.progress import Progress
 from pipeline.mapping.local_ground import LocalGround
-from pipeline.mapping.no_map import hidden_share, upward_axis
-from pipeline.mapping.tiled_map import TILE_M, TiledMap
+from pipeline.mapping.no_map import hidden_share, upward
+from pipeline.mapping.tiled_map import TiledMap
 
 SPACING_M = 8.0
 """Distance of neighbouring anchors along each axis of their grid; a whole number of metres."""
@@ -30,8 +30,6 @@ MOST_OF_A_SCAN = 200_000
 LEAST_HIDDEN = 0.13
 """At least this share of a map's points is hidden behind others, seen from its origin: at most
 .11 of a recorded scan, .15 of a map of the first 50 m of a drive, .5 and more of larger maps."""
-AXES_M = 100.0
-"""The points this near to the fullest tile tell a map's axes."""
 
 
 @dataclass(frozen=True)
@@ -107,12 +105,11 @@ def _refuse_scan(name: str, tiled: TiledMap, origin_m: tuple[float, float, float
 
 def _refuse_axes(name: str, tiled: TiledMap) -> None:
     """Raise InputError for a map whose ground shows that z is not upwards."""
-    largest = int(np.diff(tiled.offsets).argmax())
-    middle_m = tiled.tile_corner_m[largest, :2] + TILE_M / 2
-    axis = upward_axis(tiled.around(middle_m, AXES_M))
-    if axis is not None:
+    if other := upward(tiled):
+        up, coordinates = other
         raise InputError(
-            f"{name}: its ground lies level if {axis} is upwards; expected z upwards: turn the map"
+            f"{name}: its ground lies level if {up} is upwards; expected z upwards: save each "
+            f"point as {coordinates}"
         )
 
 

@@ -1,14 +1,11 @@
 """Tells what is no map with z upwards: points in other axes, and single scans (METHODS 15)."""
 
-from itertools import product
-
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.mapping.local_ground import LocalGround
+from pipeline.mapping.local_ground import columns_with_ground
+from pipeline.mapping.tiled_map import TiledMap
 
-LEVEL_M = 30.0
-"""Ground extends as far along both level axes; facades are seldom as high."""
 LIFTS_M = (-0.5, 0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
 """Heights of a scan's sensor above the origin that are tried."""
 NEAREST_M = 3.0
@@ -20,21 +17,39 @@ BEHIND_M = 2.0
 """A point is hidden if it is farther than another in its direction by this share and this
 distance."""
 
+MORE_GROUND = 2
+"""Another axis than z is up if so many times more columns show a ground along it."""
+TURNS: dict[str, tuple[str, NDArray[np.float64]]] = {
+    "y": ("(x, −z, y)", np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])),
+    "−y": ("(x, z, −y)", np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])),
+    "x": ("(y, z, x)", np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])),
+    "−x": ("(z, y, −x)", np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])),
+    "−z": ("(x, −y, −z)", np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])),
+}
+"""For each direction that may be up, other than z: the coordinates that put it right, in words and
+as the matrix that turns the points."""
+BLOCK_M = 100.0
+"""The vertical axis is looked for in the points nearer than this to the middle, along each axis."""
 
-def upward_axis(points_m: NDArray[np.float64]) -> str | None:
-    """The axis upwards from the ground of points (n, 3), such as "-z", if it is not z.
 
-    It is None if no other axis shows the ground.
+def upward(tiled: TiledMap) -> tuple[str, str] | None:
+    """The direction that seems to be up and the coordinates that put it right; None if it is z.
+
+    A direction is up if more ground lies along it than along z. A long wall is such a plane too,
+    so the points must reach less far along that direction than along z.
     """
-    low_m, high_m = np.quantile(points_m, (0.02, 0.98), axis=0)
-    extent_m = high_m - low_m
-    for axis, sign in product(range(3), (1, -1)):
-        level = [other for other in range(3) if other != axis]
-        if (axis, sign) == (2, 1) or not (extent_m[level] > max(LEVEL_M, extent_m[axis])).all():
-            continue
-        turned_m = np.column_stack([points_m[:, level], sign * points_m[:, axis]])
-        if LocalGround.of([turned_m]).has_ground:
-            return ("-" if sign < 0 else "") + "xyz"[axis]
+    middle_m = np.median([tiled.tile_m(tile).mean(axis=0) for tile in range(len(tiled))], axis=0)
+    points_m = tiled.around(middle_m[:2], BLOCK_M)
+    points_m = points_m[np.abs(points_m[:, 2] - middle_m[2]) < BLOCK_M] - middle_m
+    if not len(points_m):
+        return None
+    low_m, high_m = np.quantile(points_m, (0.01, 0.99), axis=0)
+    sides_m = high_m - low_m
+    fewest = MORE_GROUND * max(columns_with_ground(points_m), 1)
+    for up, (coordinates, turn) in TURNS.items():
+        is_lower = up == "−z" or np.abs(turn[2]) @ sides_m < sides_m[2] / 2
+        if is_lower and columns_with_ground(points_m @ turn.T) > fewest:
+            return up, coordinates
     return None
 
 

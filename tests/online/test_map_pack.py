@@ -195,7 +195,7 @@ def test_points_that_are_no_map_are_refused(name: str) -> None:
 @pytest.mark.parametrize(
     ("points_m", "axis"),
     [
-        (MAP_M * [1, -1, -1], "-z"),
+        (MAP_M * [1, -1, -1], "−z"),
         (MAP_M[:, [0, 2, 1]] * [1, 1, -1], "y"),
         (MAP_M[:, [2, 0, 1]], "x"),
     ],
@@ -263,7 +263,7 @@ REFUSED_FILES = {
     "NaN": "none of its 5000 points is finite",
     "a scan": "as those of one scan",
     "y up": "level if y is upwards",
-    "upside down": "level if -z is upwards",
+    "upside down": "level if −z is upwards",
     "no walls": "a map without walls or trees cannot be searched",
     "few points": ".",
     "absent.pcd": "no such map",

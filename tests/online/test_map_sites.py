@@ -97,8 +97,11 @@ def test_a_wall_that_is_gone_is_removed_from_the_map_and_a_new_one_added(
     assert isinstance(after, CutOuts)
 
     houses, walls = (
-        [int((around(targets.above_ground_m(1.0), at_m) < 3).sum()) for targets in (before, after)]
-        for at_m in (HOUSE_M, (75.0, 50.0))
+        [
+            int((around(targets.above_ground_m(1.0), at_m) < radius_m).sum())
+            for targets in (before, after)
+        ]
+        for at_m, radius_m in ((HOUSE_M, 8), ((75.0, 50.0), 3))
     )
     assert houses[1] < 0.5 * houses[0]
     assert walls[0] == 0
