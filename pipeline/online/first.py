@@ -17,15 +17,18 @@ from pipeline.level.field import Field
 from pipeline.level.fix import LevelFixer
 from pipeline.level.level_map import Drawing
 from pipeline.level.sweeps import OVER_M, Gatherer
+from pipeline.mapping.local_ground import LocalGround
 from pipeline.mapping.tiled_map import GRAIN_M
 from pipeline.matching.ranking import Rows
 from pipeline.matching.return_profiles import ReturnProfiles, reranked, return_profiles
+from pipeline.methods.bev_correlation import BevCorrelation
 from pipeline.methods.scan_context import ScanContext50
 from pipeline.online.tilt import lean
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
 from pipeline.views.m2dp import M2dp
 from pipeline.views.scan_context import ScanContext
+from pipeline.views.walls import Walls as WallView
 
 APART_M = 4.0
 """The distance from one made-up submap to the next."""
@@ -42,6 +45,7 @@ def compile_kernels() -> float:
     lean(points_m)
     M2dp()(points_m)
     localize_level()
+    search_map(points_m)
 
     # the street as three submaps, one APART_M from the next
     count = 3
@@ -70,6 +74,15 @@ def compile_kernels() -> float:
     answers = Answers(anchors[:, :2, 3], np.zeros(count))
     Fixer(sure=1.0).fix(clouds_m[1], targets, answers)  # never sure enough: all steps are taken
     return time.perf_counter() - start
+
+
+def search_map(points_m: NDArray[np.float64]) -> None:
+    """Fit the ground of points (n, 3), draw their walls from above, and search these for them."""
+    LocalGround.of([points_m])
+    images = np.stack([WallView()(points_m)] * 2)
+    rows = Rows(images, np.arange(2), np.tile(np.eye(4), (2, 1, 1)))
+    method = BevCorrelation()
+    method.localizer(method.learn(rows, np.arange(2), Progress()))(rows, 1)
 
 
 def localize_level() -> None:
