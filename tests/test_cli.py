@@ -503,7 +503,7 @@ MISTYPED = {
     "yearloc localize | a b --lift x\x1b[m": "--lift x?[m: expected a valid number, unable to parse string as a number",
     "yearloc update | a b --target-precision [red]x": "--target-precision [red]x: expected a valid number, unable to parse string as a number",
     "yearloc watch | a b --target-precision x": "--target-precision x: expected a share or the word none",
-    "yearloc inspect | a --format pcd": "--format pcd: expected one of 'nclt', 'kitti'",
+    "yearloc inspect | a --format pcd": "--format pcd: expected one of 'nclt', 'kitti', 'map'",
     "yearloc localize | a b --json --csv": "--csv: not together with --json",
     "yearloc localize | a b --lift 0 --body-T-lidar 0": "--body-T-lidar: not together with --lift",
     "yearloc results | method=sci": "method=sci: a word of --where or --write, and neither is there",
