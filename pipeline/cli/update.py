@@ -156,6 +156,7 @@ def _write(
     from pipeline.lifelong.update import updated
     from pipeline.online import site_file
     from pipeline.online.description import first_day_words
+    from pipeline.posing.map_verdict import NOT_CALIBRATED
 
     progress = Lines(parts.description.method.get("budget", 1.0))
     updated_parts = updated(site, parts, update, Path(log).name, progress)
@@ -165,6 +166,9 @@ def _write(
         f"{path} stays as it was"
     )
     description = updated_parts.description
+    if not description.verdict.validation_blocks:
+        print(f"its verdict is {NOT_CALIBRATED}: `yearloc calibrate {out} LOG`")
+        return
     print(
         f"its thresholds come from {description.verdict.validation_blocks} validation blocks"
         f"{first_day_words(description)}"

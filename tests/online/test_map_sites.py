@@ -92,6 +92,7 @@ def test_a_wall_that_is_gone_is_removed_from_the_map_and_a_new_one_added(
     out = tmp_path / "updated.site"
     said, _ = yearloc.run("update", packed, log, "--poses", poses, "-o", out)
     assert "5 of 5 scans with reference poses; walls on" in said
+    assert "its verdict is not calibrated on this map" in said
     before, after = Site.open(packed).targets, Site.open(out).targets
     assert isinstance(before, CutOuts)
     assert isinstance(after, CutOuts)
