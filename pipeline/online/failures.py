@@ -40,7 +40,7 @@ def of_log(scans: Sequence[Scan], fixes: Sequence[Fix]) -> Iterator[JudgedFix]:
 def draw(targets: Targets, fix: JudgedFix, path: Path, heading_end: str) -> None:
     """Write a card as a PNG: the scan on the map at the pose of the fix, and at the true pose.
 
-    `heading_end` is the last part of the card's title.
+    `heading_end` is the last line of the card's title.
     """
     figure = Figure((10, 5.6), layout="constrained", dpi=110)
     placed_axes, true_axes = figure.subplots(1, 2)
@@ -63,7 +63,7 @@ def draw(targets: Targets, fix: JudgedFix, path: Path, heading_end: str) -> None
     off_m, turn_deg = fix.off
     heading = (
         f"{fix.name}: {fix.kind}; {off_m:.1f} m and {turn_deg:.1f}° off; novelty "
-        f"{fix.novelty:.3f}, {heading_end}"
+        f"{fix.novelty:.3f}\n{heading_end}"
     )
     figure.suptitle(heading, x=0.01, ha="left", fontsize=11)
     figure.savefig(path)
