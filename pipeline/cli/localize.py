@@ -98,7 +98,6 @@ def localize(
         from pipeline.online.localized import localized, tracker_of
         from pipeline.online.outputs import writer
         from pipeline.online.site import Site
-        from pipeline.posing.map_verdict import NOT_CALIBRATED
 
     output_format = only_one({"json": json, "csv": csv, "tum": tum, "mcap": mcap}) or "text"
     only_one({"lift": lift, "body-T-lidar": body_T_lidar})
@@ -134,11 +133,26 @@ def localize(
     if site.description.simulated:
         print("the site is simulated, not recorded", file=sys.stderr)
     if target_precision in site.description.verdict.usual:
-        print(
-            f"{NOT_CALIBRATED}: poses are accepted by the usual probabilities, learned elsewhere; "
-            f"`yearloc calibrate {path} LOG` learns them from a drive",
-            file=sys.stderr,
+        print(_not_calibrated(site, path), file=sys.stderr)
+
+
+def _not_calibrated(site: "Site", path: Path) -> str:
+    """Says that poses were accepted by the usual thresholds, and what to do."""
+    from pipeline.posing.map_verdict import NOT_CALIBRATED
+
+    verdict = site.description.verdict
+    others = [precision for precision in verdict.reachable if precision not in verdict.usual]
+    if verdict.validation_blocks:
+        learned = f"; --target-precision {others[0]} is learned from them" if others else ""
+        return (
+            f"{NOT_CALIBRATED} at this target precision: the {verdict.validation_blocks} "
+            f"validation blocks of {site.description.provenance.calibrated_on} are too few{learned}"
         )
+    return (
+        f"{NOT_CALIBRATED}: poses are accepted by the usual probabilities, learned elsewhere, at "
+        f"{min(verdict.usual)} more of them than at {max(verdict.usual)}; `yearloc calibrate "
+        f"{path} LOG` learns them from a drive"
+    )
 
 
 @contextmanager

@@ -38,6 +38,8 @@ AROUND_M = (20.0, 40.0, 80.0)
 scans take the distances in turn."""
 NOVEL_K = 100
 """Number of ranked positions of which those in the surroundings are left out."""
+FEWEST_RIGHT = 0.2
+"""If a smaller share of the fixes is right, the reference poses are rather wrong."""
 LONGEST_GAP = 20
 """Accepted fixes further apart than this many scans confirm nothing."""
 
@@ -73,7 +75,7 @@ def calibration(
 ) -> Calibration:
     """Learn the verdict of a site from scans with reference poses (scan, 4, 4), NaN where unknown.
 
-    Raises LogError if no scan has a reference pose.
+    Raises LogError if no scan has a reference pose, or if hardly any fix is right by them.
     """
     rows = np.flatnonzero(np.isfinite(world_T_true).all(axis=(1, 2))).tolist()
     if not rows:
@@ -92,6 +94,11 @@ def calibration(
     verdict = calibrated(evidence)
     poses = np.array([fix.ordered(verdict.pose).pose for fix in fixes[::2]])
     right = OF_SCANS.right(poses, world_T_true[rows])
+    if right.mean() < FEWEST_RIGHT:
+        raise LogError(
+            f"{right.sum()} of {len(rows)} scans have a right fix by their reference poses: are "
+            "these in the map's frame, and of these scans? Nothing was calibrated"
+        )
     return Calibration(verdict, len(rows), int(right.sum()), evidence.blocks)
 
 

@@ -113,11 +113,19 @@ def own_poses(scans: Sequence[Scan]) -> Poses:
 
 
 def poses_at(scans: Sequence[Scan], poses: Trajectory) -> Poses:
-    """The poses (scan, 4, 4) of a trajectory at the stamps of scans; NaN where it has none."""
-    # no reference has a pose at −1
-    stamps_ns = [-1 if scan.stamp_ns is None else scan.stamp_ns for scan in scans]
-    world_T_scan, _ = poses.at(np.array(stamps_ns, np.int64))
-    return world_T_scan
+    """The poses (scan, 4, 4) of a trajectory at the stamps of scans; NaN where it has none.
+
+    Raises LogError if no scan has a stamp.
+    """
+    stamps_ns = np.array([scan.stamp_ns or 0 for scan in scans], np.int64)
+    is_stamped = np.array([scan.stamp_ns is not None for scan in scans], bool)
+    if not is_stamped.any():
+        raise LogError(
+            f"none of {len(scans)} scans has a stamp, such as {scans[0].name}, so stamped poses "
+            "say nothing of them: give poses of one row a scan, 12 numbers as KITTI's"
+        )
+    world_T_scan, _ = poses.at(stamps_ns)
+    return np.where(is_stamped[:, None, None], world_T_scan, np.nan)
 
 
 def followed(site: Site, scans: Sequence[Scan], target_precision: float | None) -> list[Fix]:

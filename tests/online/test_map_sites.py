@@ -117,3 +117,21 @@ def test_a_drive_that_agrees_with_the_map_teaches_nothing(
     assert "the map has all that they show" in yearloc.refused(
         "update", packed, log, "--poses", poses
     )
+
+
+def test_reference_poses_that_no_scan_agrees_with_calibrate_nothing(
+    packed: Path, tmp_path: Path, yearloc: Command
+) -> None:
+    """The poses are 40 m off, and stamped poses say nothing of scans without stamps."""
+    log, poses = drive(tmp_path / "monday")
+    moved = [planar(40, 0, 0) @ pose for pose in POSES]
+    Path(poses).write_text("\n".join(" ".join(map(str, pose[:3].ravel())) for pose in moved) + "\n")
+    before = packed.read_bytes()
+    assert "0 of 5 scans have a right fix by their reference poses" in yearloc.refused(
+        "calibrate", packed, log, "--poses", poses
+    )
+    Path(poses).write_text("".join(f"{row} {row} 0 0 0 0 0 1\n" for row in range(5)))
+    assert "none of 5 scans has a stamp" in yearloc.refused(
+        "calibrate", packed, log, "--poses", poses
+    )
+    assert packed.read_bytes() == before
