@@ -94,7 +94,9 @@ def report(
     scans: Iterable[NDArray[np.float64]],
 ) -> None:
     """Localise the scans of a day, and print its row."""
-    poses, accepted_at, took_ms = [], [], []
+    poses = []
+    accepted_at = []
+    took_ms = []
     for points_m in scans:
         start_s = time.process_time()
         fix = site.localize(points_m, min(PRECISIONS))

@@ -70,6 +70,11 @@ def calibrate(
     check_file(out)
     parts = site_file.read(path, views=True)
     site = Site(parts, threads=2)
+    if not site.targets.is_map:
+        raise ConfigError(
+            f"{path}: its verdict was learned from validation blocks of its own training day; "
+            "calibrate takes the site of a 3-D map"
+        )
     tell_cold()
     skipped: Counter[str] = Counter()
     options = scan_options(site, topic=topic, odometry=odometry, body_T_lidar=body_T_lidar)

@@ -78,7 +78,7 @@ def judge_cases(
             f"{query_count} submaps"
         )
     claims: dict[str, float] = {}
-    doubts = unsuited(submaps)
+    caveats = unsuited(submaps)
     validation_precision: tuple[float, ...] = ()
     if isinstance(rankings, Rankings):
         validation_precision = rankings.validation_precision
@@ -88,7 +88,7 @@ def judge_cases(
         # precision on validation blocks, or accepts nothing; without blocks nothing is known.
         accepts_poses = rankings.thresholds[0] > ACCEPT_NOTHING and rankings.validation_blocks > 0
         if not rankings.validation_blocks:
-            doubts[UNCALIBRATED] = 1.0
+            caveats[UNCALIBRATED] = 1.0
         precision_of_poses = rankings.target_precision if accepts_poses else np.nan
         validation_precision = (precision_of_poses, *[np.nan] * (len(rankings.kinds) - 1))
     evaluations = {}
@@ -112,7 +112,7 @@ def judge_cases(
         evaluations[case] = replace(
             evaluation,
             claims=claims,
-            unsuited=doubts,
+            unsuited=caveats,
             target_precision=rankings.target_precision,
             validation_precision=validation_precision,
         )

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pipeline.core.errors import LogError
 from pipeline.core.frames import Poses
 from pipeline.core.progress import Progress
-from pipeline.lifelong.pseudo_labels import accepts, bridged, followed
+from pipeline.lifelong.pseudo_labels import accepts, bridged
 from pipeline.matching.ranking import Rows
 from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.site import Site, finite
@@ -39,7 +39,7 @@ scans take the distances in turn."""
 NOVEL_K = 100
 """Number of ranked positions of which those in the surroundings are left out."""
 FEWEST_RIGHT = 0.2
-"""If a smaller share of the fixes is right, the reference poses are rather wrong."""
+"""If a smaller share of the fixes is right, the reference poses are taken to be of other scans."""
 LONGEST_GAP = 20
 """Accepted fixes further apart than this many scans confirm nothing."""
 
@@ -133,7 +133,8 @@ def confirmed(site: Site, scans: Sequence[Scan], target_precision: float) -> Pos
             "the drive has neither reference poses nor odometry, which would confirm its fixes: "
             "give --poses, or --odometry for a bag"
         )
-    fixes = followed(site, scans, target_precision)
+    # each scan alone: a tracked pose would lean on the scans that it is to confirm
+    fixes = [site.localize(scan.points(), target_precision) for scan in scans]
     poses = np.array([fix.world_T_sensor for fix in fixes]).reshape(-1, 4, 4)
     poses[[not accepts(fix, target_precision) for fix in fixes]] = NO_POSE
     return between_others(poses, odom_T_scan)

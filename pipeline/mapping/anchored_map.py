@@ -130,6 +130,6 @@ def _anchors(tiled: TiledMap, ground: LocalGround) -> Poses:
     xy_m = (squares + 0.5) * SPACING_M
     cell = np.floor(xy_m / CELL_M).astype(np.int64) - low
     is_inside = ((cell >= 0) & (cell < is_near.shape)).all(axis=1)
-    xy_m, cell = xy_m[is_inside], cell[is_inside]
-    poses = ground.poses(xy_m[is_near[tuple(cell.T)]])
+    is_near_cell = is_near[tuple(cell[is_inside].T)]
+    poses = ground.poses(xy_m[is_inside][is_near_cell])
     return poses[np.isfinite(poses).all(axis=(1, 2))]

@@ -164,9 +164,8 @@ def _candidates(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
     cell = cell[order]
     starts = np.flatnonzero(np.r_[True, (np.diff(cell, axis=0) != 0).any(axis=1)])
     counts = np.diff(np.r_[starts, len(cell)])
-    starts, counts = starts[counts >= FEWEST_POINTS], counts[counts >= FEWEST_POINTS]
     lowest = starts + (counts * LOWEST_SHARE).astype(np.int64)
-    return np.asarray(points_m[order[lowest]])
+    return np.asarray(points_m[order[lowest[counts >= FEWEST_POINTS]]])
 
 
 def _columns(
@@ -176,7 +175,8 @@ def _columns(
     above it (c,)."""
     column = np.floor(points_m[:, :2] / COLUMN_M).astype(np.int64)
     order = np.lexsort((points_m[:, 2], column[:, 1], column[:, 0]))
-    column, points_m = column[order], points_m[order]
+    column = column[order]
+    points_m = points_m[order]
     starts = np.flatnonzero(np.r_[True, (np.diff(column, axis=0) != 0).any(axis=1)])
     counts = np.diff(np.r_[starts, len(column)])
     above_m = points_m[:, 2] - np.repeat(points_m[starts, 2], counts)

@@ -62,7 +62,8 @@ def hidden_share(points_m: NDArray[np.float64]) -> float:
     for lift_m in LIFTS_M:
         beam_m = points_m - np.array([0.0, 0.0, lift_m])
         away_m = np.linalg.norm(beam_m, axis=1)
-        beam_m, away_m = beam_m[away_m > NEAREST_M], away_m[away_m > NEAREST_M]
+        beam_m = beam_m[away_m > NEAREST_M]
+        away_m = away_m[away_m > NEAREST_M]
         if not len(away_m):
             return 1.0
         azimuth_deg = np.rad2deg(np.arctan2(beam_m[:, 1], beam_m[:, 0])) + 180

@@ -104,7 +104,9 @@ class Database:
         """The database's arrays, as they are stored in a model."""
         return {PREFIX + name: array for name, array in asdict(self).items()}
 
-    def evidence(self, search: Search, views: Rows, method: DescriptorMethod) -> NoveltyEvidence:
+    def evidence(
+        self, search: Search, views: Rows, method: DescriptorMethod, kind: str = KIND
+    ) -> NoveltyEvidence:
         """Search for the rows of validation blocks among the rest of the training path.
 
         Each row is searched for twice: with the rows around it, as a query from a seen place, and
@@ -131,8 +133,8 @@ class Database:
 
         return NoveltyEvidence(
             right=self.places[nearest_rows] == self.places[queries],
-            seen={KIND: seen_distances},
-            unseen={KIND: unseen_distances},
+            seen={kind: seen_distances},
+            unseen={kind: unseen_distances},
             block=holdout.number_blocks(views.world_T_anchor, is_validation, every_m, length_m),
         )
 

@@ -1,5 +1,5 @@
-"""BEV correlation: a scan's walls, slid over the walls of the whole map from above; correlative
-scan matching, nothing is trained (ours; METHODS 15).
+"""BEV correlation: correlative scan matching of a scan's walls with the walls of the whole map,
+from above (ours; METHODS 15; Olson, ICRA 2009).
 
 Nothing is trained. `learn` draws the walls of all training views into one map. `localizer` finds
 the positions and headings at which a query's walls fit it best, wherever training was on its way:
@@ -64,7 +64,10 @@ class BevCorrelation(DescriptorMethod):
         def search(
             queries: NDArray[np.int64], is_allowed: NDArray[np.bool_]
         ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-            """A `database.Search`: the map is drawn from the rows that all queries may use."""
+            """A `database.Search`: the map is drawn from the rows that any query may use.
+
+            Positions whose nearest row a query may not use are left out.
+            """
             is_drawn = is_allowed.any(axis=0)
             drawn = self._drawn(images[is_drawn], views.world_T_anchor[is_drawn], reach_cells)
             tree = KDTree(database.xy_m)
@@ -78,13 +81,12 @@ class BevCorrelation(DescriptorMethod):
                 misfits[i] = 1 - fits.scores[columns[0]] if len(columns) else 1.0
             return misfits, rows
 
-        evidence = NO_EVIDENCE if self.of_map else database.evidence(search, views, self)
-        arrays = evidence.arrays()
+        evidence = NO_EVIDENCE if self.of_map else database.evidence(search, views, self, KIND)
         drawn = self._drawn(images, views.world_T_anchor, reach_cells)
         return {
             **model_arrays(drawn),
             **database.arrays(),
-            **{name.replace("/distance", f"/{KIND}"): array for name, array in arrays.items()},
+            **evidence.arrays(),
         }
 
     def localizer(self, model: Model) -> Localizer:

@@ -1,5 +1,6 @@
 """The site of a made 3-D map is calibrated by a drive, and updated by one, from the command line."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,10 @@ from numpy.typing import NDArray
 
 from pipeline.core.progress import Progress
 from pipeline.formats import pcd
+from pipeline.lifelong.calibration import confirmed
 from pipeline.online import site_file
+from pipeline.online.example import SITE as EXAMPLE
+from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.map_pack import MapOptions, pack_map
 from pipeline.online.site import Site
 from pipeline.posing.cut_outs import CutOuts
@@ -135,3 +139,26 @@ def test_reference_poses_that_no_scan_agrees_with_calibrate_nothing(
         "calibrate", packed, log, "--poses", poses
     )
     assert packed.read_bytes() == before
+
+
+def test_a_trained_site_keeps_the_verdict_of_its_own_day(tmp_path: Path, yearloc: Command) -> None:
+    log, poses = drive(tmp_path / "monday")
+    error = yearloc.refused("calibrate", EXAMPLE, log, "--poses", poses, "-o", tmp_path / "x.site")
+    assert "calibrate takes the site of a 3-D map" in error
+    assert not (tmp_path / "x.site").exists()
+
+
+def test_odometry_and_the_other_scans_confirm_a_pose() -> None:
+    """Odometry is in another frame. The scans at both ends have no scan behind or before them."""
+    site = Site.of_map(MAP_M)
+    odom_T_world = planar(5, -3, 40)
+    scans = [
+        Scan("", None, partial(scan, MAP_M, pose), odom_T_world @ pose, NO_POSE) for pose in POSES
+    ]
+    poses = confirmed(site, scans, 0.95)
+    is_confirmed = np.isfinite(poses).all(axis=(1, 2))
+    assert not is_confirmed[[0, -1]].any()
+    assert is_confirmed.any()
+    np.testing.assert_allclose(
+        poses[is_confirmed][:, :2, 3], np.array(POSES)[is_confirmed][:, :2, 3], atol=0.5
+    )

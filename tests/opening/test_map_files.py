@@ -125,7 +125,7 @@ def test_chunks_are_bounded_and_points_that_are_not_finite_are_counted(
     monkeypatch.setattr(map_files, "MOST_POINTS", 2)
     points = np.concatenate([POINTS, np.full((2, 3), np.nan), [[1, np.inf, 0], [1, 2, -1]]])
     found = MapFiles.of([write(tmp_path / "city.pcd", points)])
-    for _ in range(2):  # a second pass counts anew
+    for _ in range(2):  # a second pass starts its counts at 0
         chunks = list(found.chunks(Progress()))
         # the third block of two is left out whole, half of the fourth
         assert [len(chunk) for chunk in chunks] == [2, 2, 1]
