@@ -12,14 +12,15 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.frames import yaw
+from pipeline.core.frames import transformed, yaw
 from pipeline.core.settings import Count, checked
 from pipeline.level.beams import Support, supports
 from pipeline.level.field import Field
 from pipeline.level.refinement import refined
-from pipeline.level.search import APART_DEG, APART_M, mean_likelihoods, search
+from pipeline.level.search import APART_DEG, APART_M, Window, mean_likelihoods, search
 from pipeline.level.sweeps import Gathered
 from pipeline.posing.fix import Registered
+from pipeline.posing.prior import Prior
 from pipeline.posing.probabilities import HypothesisModel
 
 FEATURES = ("likely", "in_free", "through", "surety", "ahead")
@@ -29,7 +30,7 @@ FEATURES = ("likely", "in_free", "through", "surety", "ahead")
 - in_free, through: minus the shares of beams that end in free space, and that pass through a wall;
 - surety: −log₁₀ of the spread in metres;
 - ahead: its quality minus that of the query's best other hypothesis, which is taken to be
-  LEAST_RATIO times its own quality if there is no other.
+  LEAST_RATIO times its own quality if there is no other; with a prior, RIVAL_RATIO times at least.
 """
 SCALES = np.array([0.15, 0.05, 0.1, 0.3, 0.1])
 """A typical difference of each feature between hypotheses; learning divides features by it."""
@@ -41,6 +42,8 @@ LEAST_POINTS = 20
 """A query of fewer thinned hits has no pose."""
 LEAST_RATIO = 0.75
 """A pose that scores less than this share of the best is no hypothesis."""
+RIVAL_RATIO = 0.9
+"""With a prior, a pose outside of it that scores less than this share of the best is not found."""
 MIRRORED_WITHIN = 0.05
 """A laser may be upside down if its mirrored sweeps score at most this much less."""
 CONTRADICTED_COST = 0.5
@@ -98,9 +101,10 @@ class LevelFix(Registered[Hypothesis]):
 
     def ordered(self, model: HypothesisModel) -> Self:
         """The same hypotheses, with the probabilities of a model and in their order."""
-        order = np.argsort(-model.probabilities(self.features), kind="stable").tolist()
+        before = model.probabilities(self.features, self.log_weights)
+        order = np.argsort(-before, kind="stable").tolist()
         ordered = replace(self, hypotheses=tuple(self.hypotheses[number] for number in order))
-        probabilities = model.probabilities(ordered.features)
+        probabilities = model.probabilities(ordered.features, ordered.log_weights)
         return replace(ordered, probabilities=tuple(probabilities.tolist()))
 
     @property
@@ -118,7 +122,8 @@ class LevelFix(Registered[Hypothesis]):
         """The features (n, feature) of the hypotheses, in the order of FEATURES."""
         quality = np.array([hypothesis.quality for hypothesis in self.hypotheses])
         # the value without another hypothesis, and the largest value with another one
-        ahead = (1 - LEAST_RATIO) * np.maximum(quality, 0)
+        least_ratio = LEAST_RATIO if self.prior is None else RIVAL_RATIO
+        ahead = (1 - least_ratio) * np.maximum(quality, 0)
         if len(quality) > 1:
             is_itself = np.eye(len(quality), dtype=bool)
             best_other = np.where(is_itself, -np.inf, quality).max(axis=1)
@@ -145,12 +150,22 @@ class LevelFixer:
     most_nodes: Count = 300_000
     """The search ends after this many nodes, with the poses that it has."""
 
-    def fix(self, field: Field, gathered: Gathered) -> LevelFix:
-        """Search the whole map; the fix has no hypothesis if there are too few hits."""
+    def fix(self, field: Field, gathered: Gathered, prior: Prior | None = None) -> LevelFix:
+        """Search the whole map; the fix has no hypothesis if there are too few hits.
+
+        With a prior, poses within it are searched for, and then only rivals of these anywhere.
+        """
         if len(gathered.points_m) < LEAST_POINTS:
             return LevelFix()
-        best = search(field, gathered.points_m, self.keep, LEAST_RATIO, self.most_nodes)
-        return self._compared(field, gathered, best.poses)
+        points_m = gathered.points_m
+        window = None if prior is None else _window(field, prior)
+        best = search(field, points_m, self.keep, LEAST_RATIO, self.most_nodes, window=window)
+        if prior is None or not len(best.poses):
+            return self._compared(field, gathered, best.poses)
+        least_score = RIVAL_RATIO * float(best.scores[0])
+        rivals = search(field, points_m, 2, RIVAL_RATIO, self.most_nodes, least_score)
+        poses = np.concatenate([best.poses, rivals.poses])
+        return replace(self._compared(field, gathered, poses), prior=prior)
 
     def track(
         self, field: Field, gathered: Gathered, world_T_guess: NDArray[np.float64]
@@ -216,6 +231,16 @@ def same(hypothesis: Hypothesis, other: Hypothesis) -> bool:
     between = np.linalg.inv(hypothesis.world_T_query) @ other.world_T_query
     turn_deg = abs(np.rad2deg(yaw(between)))
     return bool(np.linalg.norm(between[:2, 3]) < APART_M and turn_deg < APART_DEG)
+
+
+def _window(field: Field, prior: Prior) -> Window:
+    """The positions and headings of the grid within a prior."""
+    grid_T_world = np.asarray(np.linalg.inv(field.world_T_grid))
+    x_m, y_m, _ = transformed(grid_T_world, np.array([[*prior.xy_m, 0.0]]))[0]
+    heading_rad = None
+    if prior.heading_rad is not None and prior.reach_rad < np.pi:
+        heading_rad = prior.heading_rad + float(yaw(grid_T_world))
+    return Window(float(x_m), float(y_m), prior.reach_m, heading_rad, prior.reach_rad)
 
 
 def _pose_in_world(field: Field, pose: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -38,6 +38,42 @@ class BestPoses:
     """Whether the search ended before `most_nodes`; otherwise better poses may be missed."""
 
 
+@dataclass(frozen=True)
+class Window:
+    """A square of positions, and a range of headings, that a search is limited to."""
+
+    x_m: float
+    y_m: float
+    """The middle of the square in the grid."""
+    reach_m: float
+    """Half the side of the square."""
+    heading_rad: float | None
+    """The middle of the headings in the grid; None for all."""
+    reach_rad: float
+    """The largest turn from this heading."""
+
+    def cells(self, field: Field) -> tuple[int, int, int, int]:
+        """The first row and column, and the last row and column, of the pyramid."""
+        rows, cols = field.pyramid.levels.shape[1:]
+        margin, cell_m = field.pyramid.margin, field.cell_m
+        low, high = (
+            np.floor(np.array([self.y_m + off_m, self.x_m + off_m]) / cell_m) + margin
+            for off_m in (-self.reach_m, self.reach_m)
+        )
+        first = low.clip(0, (rows, cols)).astype(int)
+        last = high.clip(-1, (rows - 1, cols - 1)).astype(int)
+        return int(first[0]), int(first[1]), int(last[0]), int(last[1])
+
+    def headings(self) -> NDArray[np.float64]:
+        """The headings (n,) that are tried, in radians and in order."""
+        step_rad = 2 * np.pi / HEADINGS
+        if self.heading_rad is None or self.reach_rad >= np.pi - step_rad:
+            return np.asarray(step_rad * np.arange(HEADINGS), np.float64)
+        count = int(np.ceil(self.reach_rad / step_rad))
+        middle = round(self.heading_rad / step_rad)
+        return np.asarray(step_rad * np.arange(middle - count, middle + count + 1), np.float64)
+
+
 def search(
     field: Field,
     points_m: NDArray[np.float64],
@@ -45,12 +81,13 @@ def search(
     min_ratio: float = 0.75,
     most_nodes: int = 300_000,
     min_score: float = 0.0,
+    window: Window | None = None,
 ) -> BestPoses:
     """Find the `keep` best poses of points (n, 2), in metres in the robot's frame.
 
     Their scores are at least `min_score`, and at least `min_ratio` times the best score. Points
     beyond REACH_M are left out. Without points there is no pose. The search ends after
-    `most_nodes` nodes.
+    `most_nodes` nodes. Only poses within a `window` are found, if there is one.
     """
     near = points_m[np.linalg.norm(points_m, axis=1) <= REACH_M]
     if not len(near):
@@ -58,6 +95,10 @@ def search(
     chosen = near[np.linspace(0, len(near) - 1, min(POINTS, len(near))).round().astype(int)]
     pyramid = field.pyramid
     headings_rad = 2 * np.pi / HEADINGS * np.arange(HEADINGS)
+    rows, cols = pyramid.levels.shape[1:]
+    cells = (0, 0, rows - 1, cols - 1)
+    if window is not None:
+        headings_rad, cells = window.headings(), window.cells(field)
     cos = np.cos(headings_rad)[:, None]
     sin = np.sin(headings_rad)[:, None]
     # (heading, point, 2) rows and columns from the robot, at the centre of its cell, to each point
@@ -81,6 +122,7 @@ def search(
         min_ratio,
         most_nodes,
         min_score * 255 * len(chosen),
+        cells,
     )
     leaf_headings, leaf_rows, leaf_cols = leaves.T
     poses = np.column_stack(
@@ -123,19 +165,22 @@ def _search(  # type: ignore[no-untyped-def]
     min_ratio,
     most_nodes,
     min_score,
+    window,
 ):
     """The best leaves (k, 3) as heading, row, column; their scores (k,), and whether all are found.
 
     The first five arguments are fields of the Pyramid; `offsets` (heading, point, 2) are the rows
     and columns from the robot to its points. `keep` is the largest number of leaves;
     `apart_cells` and `apart_headings` are APART_M and APART_DEG on the grid. Here scores are sums
-    of likelihoods in 255ths.
+    of likelihoods in 255ths. `window` is the first row and column, and the last row and column, of
+    the leaves. Headings are neighbours that are 1 / HEADINGS of a turn apart.
     """
-    headings = offsets.shape[0]
     top = levels.shape[0] - 1
     block = 1 << top
     # each of the coarsest nodes is a block at a heading; they are sorted once by their bounds
-    blocks, bounds = _coarse(phases, can_stand[top], block_cols, margin // block, block, offsets)
+    blocks, bounds = _coarse(
+        phases, can_stand[top], block_cols, margin // block, block, offsets, window
+    )
     order = _largest_first(bounds)
     next_in_order = 0
     # finer nodes are (level, heading, row, column, bound); the heap holds −bound and a number
@@ -170,7 +215,7 @@ def _search(  # type: ignore[no-untyped-def]
         if score <= 0 or score < min_score:
             break  # no remaining node has a higher bound
         if _is_near(
-            leaves, count, heading, row, col, 1 << level, headings, apart_cells, apart_headings
+            leaves, count, heading, row, col, 1 << level, HEADINGS, apart_cells, apart_headings
         ):
             continue
         # a leaf is the next best pose, since its bound is its score
@@ -188,7 +233,17 @@ def _search(  # type: ignore[no-untyped-def]
             break
         first = node_count
         node_count = _divide(
-            levels, can_stand, offsets[heading], level, heading, row, col, nodes, first, min_score
+            levels,
+            can_stand,
+            offsets[heading],
+            level,
+            heading,
+            row,
+            col,
+            nodes,
+            first,
+            min_score,
+            window,
         )
         for number in range(first, node_count):
             heapq.heappush(heap, (-np.int64(nodes[number, 4]), np.int64(number)))
@@ -196,17 +251,31 @@ def _search(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _divide(levels, can_stand, offsets, level, heading, row, col, nodes, node_count, min_score):  # type: ignore[no-untyped-def]
+def _divide(  # type: ignore[no-untyped-def]
+    levels,
+    can_stand,
+    offsets,
+    level,
+    heading,
+    row,
+    col,
+    nodes,
+    node_count,
+    min_score,
+    window,
+):
     """Write the quarters of a node into `nodes`, from number `node_count` on.
 
-    Quarters where no robot can stand, or with a bound below `min_score`, are left out. Returns the
-    new number of nodes.
+    Quarters outside of the window, where no robot can stand, or with a bound below `min_score`, are
+    left out. Returns the new number of nodes.
     """
     half = 1 << (level - 1)
     for quarter in range(4):
         child_row = row + half * (quarter >> 1)
         child_col = col + half * (quarter & 1)
         if not can_stand[level - 1, child_row, child_col]:
+            continue
+        if not _overlaps(child_row, child_col, half, window):
             continue
         bound = np.int64(0)
         for point in range(len(offsets)):
@@ -219,7 +288,7 @@ def _divide(levels, can_stand, offsets, level, heading, row, col, nodes, node_co
 
 
 @njit(cache=True, nogil=True)
-def _coarse(phases, can_stand, block_cols, margin_blocks, block, offsets):  # type: ignore[no-untyped-def]
+def _coarse(phases, can_stand, block_cols, margin_blocks, block, offsets, window):  # type: ignore[no-untyped-def]
     """The numbers (m,) of the blocks where a robot can stand, and their bounds at each heading.
 
     Bounds are (headings times m,): those of all blocks at the first heading, then at the second,
@@ -231,12 +300,15 @@ def _coarse(phases, can_stand, block_cols, margin_blocks, block, offsets):  # ty
     points = offsets.shape[1]
     total_blocks = phases.shape[2]
     # the rows of blocks above and below the map are left out, so that no slice leaves `phases`
-    first = margin_blocks * block_cols
-    last = total_blocks - first
+    first = max(margin_blocks, window[0] // block) * block_cols
+    last = min(total_blocks - margin_blocks * block_cols, (window[2] // block + 1) * block_cols)
+    last = max(first, last)
     blocks = np.empty(last - first, np.int64)
     count = 0
     for number in range(first, last):
-        if can_stand[number // block_cols * block, number % block_cols * block]:
+        row = number // block_cols * block
+        col = number % block_cols * block
+        if can_stand[row, col] and _overlaps(row, col, block, window):
             blocks[count] = number
             count += 1
     blocks = blocks[:count]
@@ -250,6 +322,7 @@ def _coarse(phases, can_stand, block_cols, margin_blocks, block, offsets):  # ty
             col = offsets[heading, point, 1] + margin_blocks * block
             # the block in which the point lies if the robot stands in the block `first`
             start = (row // block) * block_cols + col // block - margin_blocks
+            start += first - margin_blocks * block_cols
             likelihoods = phases[row % block, col % block, start : start + length]
             for number in range(length):
                 sums[number] += likelihoods[number]
@@ -279,6 +352,13 @@ def _largest_first(bounds):  # type: ignore[no-untyped-def]
         order[starts[place]] = number
         starts[place] += 1
     return order
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _overlaps(row, col, side, window):  # type: ignore[no-untyped-def]
+    """Whether a square of `side` cells that begins at (row, col) overlaps the window."""
+    is_row = row <= window[2] and row + side > window[0]
+    return is_row and col <= window[3] and col + side > window[1]
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -10,7 +10,7 @@ beside one by half as much, and a seen-through cell on a wall of the map lowers 
 3. Keep the best positions that are some metres apart.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -86,6 +86,19 @@ class WallMap:
         if (inside_high > inside_low).all():
             window[into] = self.chart[part]
         return window
+
+    def near(self, xy_m: NDArray[np.float64], reach_m: float) -> "WallMap":
+        """The same walls, with only the candidates up to `reach_m` from a position (2,)."""
+        x_m, y_m = (
+            corner_m + (np.arange(size) + 0.5) * self.cell_m
+            for corner_m, size in zip(self.corner_m, self.is_candidate.shape, strict=True)
+        )
+        is_near = np.hypot(x_m[:, None] - xy_m[0], y_m - xy_m[1]) <= reach_m + self.cell_m
+        narrowed = replace(self, is_candidate=self.is_candidate & is_near)
+        # All that is computed once for a map stays, but its candidates.
+        for name in ("chart", "_coarse", "_blocks", "_coarse_words", "_is_in_reach"):
+            narrowed.__dict__[name] = getattr(self, name)
+        return narrowed
 
     def fits(
         self,

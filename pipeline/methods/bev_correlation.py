@@ -6,7 +6,8 @@ the positions and headings at which a query's walls fit it best, wherever traini
 also beside the training path, and on a 3-D map that has no path (`pipeline/online/map_pack.py`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,7 +75,7 @@ class BevCorrelation(DescriptorMethod):
             misfits = np.ones(len(queries))
             rows = np.empty(len(queries), np.int64)
             for i, query in enumerate(queries):
-                fits = self._fits(drawn, images[query], k=100)
+                fits = self.fits(drawn, images[query], k=100)
                 nearest = np.asarray(tree.query(fits.xy_m)[1])
                 columns = np.flatnonzero(is_allowed[i, nearest])
                 rows[i] = nearest[columns[0]] if len(columns) else is_allowed[i].argmax()
@@ -91,31 +92,9 @@ class BevCorrelation(DescriptorMethod):
 
     def localizer(self, model: Model) -> Localizer:
         """Rank the positions that fit best; cost and novelty are one minus their score."""
-        database = Database.of(model)
-        drawn = drawn_in(model, self.cell_m)
-        tree = KDTree(database.xy_m)
+        return BevLocalizer(self, Database.of(model), drawn_in(model, self.cell_m))
 
-        def localize(views: Rows, k: int) -> Ranking:
-            images = np.asarray(views.images[:])
-            places = np.full((len(images), k), -1, np.int64)
-            costs = np.full((len(images), k), np.inf, np.float32)
-            xy_m = np.full((len(images), k, 2), np.nan)
-            heading_deg = np.full((len(images), k), np.nan, np.float32)
-            for i, image in enumerate(images):
-                fits = self._fits(drawn, image, k)
-                found = slice(len(fits.scores))
-                nearest = np.asarray(tree.query(fits.xy_m)[1])
-                places[i, found] = database.places[nearest]
-                costs[i, found] = 1 - fits.scores
-                xy_m[i, found] = fits.xy_m
-                heading_deg[i, found] = fits.heading_deg
-            novelty = np.where(np.isfinite(costs[:, :1]), costs[:, :1], 1.0)
-            confidence = np.full(len(images), np.nan, np.float32)
-            return Ranking(places, costs, xy_m, novelty, confidence, heading_deg, (KIND,))
-
-        return localize
-
-    def _fits(self, drawn: WallMap, image: NDArray[np.int8], k: int) -> Fits:
+    def fits(self, drawn: WallMap, image: NDArray[np.int8], k: int) -> Fits:
         """The best positions of one view (x, y); raises InputError for a view of another size."""
         if image.shape != (2 * drawn.reach_cells, 2 * drawn.reach_cells):
             raise InputError(
@@ -138,6 +117,45 @@ class BevCorrelation(DescriptorMethod):
             wall = np.repeat(wall, FEWEST, axis=0)
         anchor = np.floor(world_T_anchor[:, :2, 3] / self.cell_m).astype(np.int64)
         return drawn_map(wall, anchor, self.candidates_m, self.cell_m, reach_cells)
+
+
+@dataclass(frozen=True)
+class BevLocalizer:
+    """Ranks the positions of a map that fit a view best."""
+
+    method: BevCorrelation
+    database: Database
+    drawn: WallMap
+
+    @cached_property
+    def _tree(self) -> KDTree:
+        """The positions of the training anchors."""
+        return KDTree(self.database.xy_m)
+
+    def near(self, xy_m: NDArray[np.float64], reach_m: float) -> "BevLocalizer":
+        """The same search, of the positions up to `reach_m` from a position (2,) alone."""
+        narrowed = replace(self, drawn=self.drawn.near(xy_m, reach_m))
+        narrowed.__dict__["_tree"] = self._tree
+        return narrowed
+
+    def __call__(self, views: Rows, k: int) -> Ranking:
+        """The `k` best positions of each view; cost and novelty are one minus their score."""
+        images = np.asarray(views.images[:])
+        places = np.full((len(images), k), -1, np.int64)
+        costs = np.full((len(images), k), np.inf, np.float32)
+        xy_m = np.full((len(images), k, 2), np.nan)
+        heading_deg = np.full((len(images), k), np.nan, np.float32)
+        for i, image in enumerate(images):
+            fits = self.method.fits(self.drawn, image, k)
+            found = slice(len(fits.scores))
+            nearest = np.asarray(self._tree.query(fits.xy_m)[1])
+            places[i, found] = self.database.places[nearest]
+            costs[i, found] = 1 - fits.scores
+            xy_m[i, found] = fits.xy_m
+            heading_deg[i, found] = fits.heading_deg
+        novelty = np.where(np.isfinite(costs[:, :1]), costs[:, :1], 1.0)
+        confidence = np.full(len(images), np.nan, np.float32)
+        return Ranking(places, costs, xy_m, novelty, confidence, heading_deg, (KIND,))
 
 
 def drawn_map(

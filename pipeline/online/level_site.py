@@ -24,6 +24,7 @@ from pipeline.online.motion import Step
 from pipeline.online.site import CLAIM_VERDICTS, NO_PLACE, Fix, Site
 from pipeline.online.site_file import LevelParts
 from pipeline.online.site_json import LevelDescription
+from pipeline.posing.prior import Prior
 from pipeline.posing.verdict import AnyFix, Judge
 
 FEW_POINTS = 20
@@ -90,9 +91,12 @@ class LevelSite(Site):
         """A single sweep's hits (n, 2) or (n, 3), as a query; raises InputError for a 3-D scan."""
         return single(level_points(points_m))
 
-    def seek(self, query: Gathered) -> LevelFix:
-        """The poses that gathered sweeps may have in the whole map."""
-        return self.level_fixer.fix(self.field, query)
+    def seek(self, query: Gathered, prior: Prior | None = None) -> LevelFix:
+        """The poses that gathered sweeps may have in the whole map.
+
+        With a prior, those within it, and the best rivals of these elsewhere.
+        """
+        return self.level_fixer.fix(self.field, query, prior)
 
     def track(self, query: Gathered, world_T_guess: NDArray[np.float64]) -> LevelFix:
         """The pose of gathered sweeps near a guess (4, 4)."""
@@ -117,7 +121,7 @@ class LevelSite(Site):
             return fix
         return replace(fix, verdict="rejected", novelty=1.0, place_novelty=1.0, accepted_at=None)
 
-    def rank(self, points_m: NDArray[np.float64]) -> Ranking:
+    def rank(self, points_m: NDArray[np.float64], prior: Prior | None = None) -> Ranking:
         """A level site ranks no places; raises InputError."""
         raise InputError("a level site: it has no places to rank, only a map to search")
 

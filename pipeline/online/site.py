@@ -34,6 +34,7 @@ from pipeline.online.site_json import SiteDescription, notes
 from pipeline.posing.cut_outs import CutOuts
 from pipeline.posing.expectations import Expectations
 from pipeline.posing.fix import ScanFix as Registered
+from pipeline.posing.prior import Prior
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import CLAIMS, AnyFix, Judge
@@ -223,20 +224,45 @@ class Site:
             )
 
     def localize(
-        self, points_m: NDArray[np.floating], target_precision: float | None = 0.99
+        self,
+        points_m: NDArray[np.floating],
+        target_precision: float | None = 0.99,
+        prior: Prior | None = None,
     ) -> Fix:
         """Localise a scan's points (n, 3) in metres: x forward, y left, z up, ground at z = 0.
 
         Points that are not finite are dropped. The fix is accepted if it is right at
-        `target_precision`, a key of the attribute `target_precisions`; None accepts nothing. Raises
-        InputError for points of another shape, or a target precision that the site has no threshold
-        for.
+        `target_precision`, a key of the attribute `target_precisions`; None accepts nothing. With a
+        prior, the pose is sought within it first; see `find`. Raises InputError for points of
+        another shape, or a target precision that the site has no threshold for.
         """
         start = time.perf_counter()
         self.check(target_precision)
         query = self.single(points_m)
-        fix = self.judge_query(query, self.seek(query), target_precision)
+        fix = self.find(query, target_precision, prior)
         return replace(fix, ms=1e3 * (time.perf_counter() - start))
+
+    def find(self, query: Any, target_precision: float | None, prior: Prior | None = None) -> Fix:
+        """The fix of a query, without regard to scans before; its time `ms` is yet to be filled in.
+
+        With a prior, the pose is sought within it. If it is not accepted there, it is sought in the
+        whole map as without a prior: so a wrong prior costs time. With the target precision None,
+        it must be accepted at any target precision within the prior.
+        """
+        registered = self.sought(query, target_precision, prior)
+        return self.judge_query(query, registered, target_precision)
+
+    def sought(
+        self, query: Any, target_precision: float | None, prior: Prior | None = None
+    ) -> AnyFix:
+        """The poses that a query may have: within a prior if one is accepted there, else all."""
+        if prior is not None:
+            registered = self.seek(query, prior)
+            fix = self.judge_query(query, registered, target_precision)
+            is_accepted_at_any = target_precision is None and fix.accepted_at is not None
+            if fix.verdict == "accepted" or is_accepted_at_any:
+                return registered
+        return self.seek(query)
 
     def drive(self) -> Drive:
         """What a Tracker remembers of a new drive."""
@@ -256,20 +282,33 @@ class Site:
             )
         return points_m
 
-    def seek(self, query: Any) -> AnyFix:
-        """The poses that a query, a scan's points (n, 3), may have in the whole map."""
-        return self.register(query, Answers.of(self.rank(query)))
+    def seek(self, query: Any, prior: Prior | None = None) -> AnyFix:
+        """The poses that a query, a scan's points (n, 3), may have in the whole map.
+
+        With a prior, those within it alone, and of rivals the first of the ranking.
+        """
+        answers = Answers.of(self.rank(query, prior))
+        return self.fixer.fix(query, self.targets, answers, prior=prior)
 
     def track(self, query: Any, world_T_guess: NDArray[np.float64]) -> AnyFix:
         """The poses of a query, a scan's points (n, 3), near a guess (4, 4)."""
         return self.fixer.track(query, self.targets, world_T_guess)
 
-    def rank(self, points_m: NDArray[np.float64]) -> Ranking:
-        """The method's ranking of places for one scan (n, 3), as a ranking of one query."""
+    def rank(self, points_m: NDArray[np.float64], prior: Prior | None = None) -> Ranking:
+        """The method's ranking of places for one scan (n, 3), as a ranking of one query.
+
+        In a 3-D map, which is long to search from above, only positions within a prior are ranked.
+        """
+        localizer = self.localizer
+        if prior is not None and self.targets.is_map:
+            from pipeline.methods.bev_correlation import BevLocalizer  # takes long to import
+
+            if isinstance(localizer, BevLocalizer):
+                localizer = localizer.near(prior.xy_m, prior.reach_m)
         # the stamp and the pose of a single query are not used
         stamps_ns = np.zeros(1, np.int64)
         poses = np.eye(4)[None]
-        return self.localizer(Rows(self.view(points_m)[None], stamps_ns, poses), self.k)
+        return localizer(Rows(self.view(points_m)[None], stamps_ns, poses), self.k)
 
     def register(self, points_m: NDArray[np.float64], answers: Answers) -> Registered:
         """Register a scan's finite points (n, 3) at a ranking's answers, then all over the map.

@@ -25,6 +25,7 @@ from pipeline.online import odometry
 from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix, Site, VerdictName
 from pipeline.paths.belief import LEAST_PROBABILITY, Belief
+from pipeline.posing.prior import Prior
 from pipeline.posing.verdict import AnyFix
 
 PATIENCE = 3
@@ -59,6 +60,7 @@ class Tracker:
         self._stamp_ns: int | None = None  # of the last scan
         self._time_s = 0.0  # of the last scan; scans without stamps are one second apart
         self._previous_scan: Scan | None = None
+        self._prior: Prior | None = None  # of the next scan
 
     @property
     def is_lost(self) -> bool:
@@ -69,6 +71,14 @@ class Tracker:
     def mode(self) -> Literal["lost", "tracking"]:
         """The state of the tracker in a word."""
         return "lost" if self.is_lost else "tracking"
+
+    def restart(self, prior: Prior | None = None) -> None:
+        """Forget where the robot is; the next scan is localised with a prior, if there is one."""
+        self.belief = Belief(self.belief.unseen_share)
+        self._pose = None
+        self._misses = 0
+        self._drive.lose()
+        self._prior = prior
 
     def follow(self, scan: Scan, points_m: NDArray[np.floating]) -> Fix:
         """The fix of the next scan, with its points (n, 3), and with its own odometry and stamp."""
@@ -101,7 +111,7 @@ class Tracker:
         if self.is_tracking:
             fix = self._tracked(query, step, took_s)
         else:
-            fix = self.site.judge_query(query, self.site.seek(query), self._target_precision)
+            fix = self.site.find(query, self._target_precision, self._taken_prior())
         return replace(fix, ms=1e3 * (perf_counter() - start))
 
     def _tracked(self, query: Any, step: NDArray[np.float64] | None, took_s: float | None) -> Fix:
@@ -149,7 +159,14 @@ class Tracker:
             registered = self.site.track(query, predicted_pose)
             if registered.hypotheses or self._misses + 1 < PATIENCE:
                 return registered, True
+        if (prior := self._taken_prior()) is not None:
+            return self.site.sought(query, self._target_precision, prior), False
         return self.site.seek(query), False
+
+    def _taken_prior(self) -> Prior | None:
+        """The prior of this scan, which no later scan has."""
+        prior, self._prior = self._prior, None
+        return prior
 
     def _judged_along_path(self, fix: Fix, is_tracked: bool) -> Fix:
         """The fix of a scan, judged by all scans so far."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.frames import Poses, distance_and_turn
 from pipeline.posing.aliases import Aliases
+from pipeline.posing.prior import Prior
 from pipeline.posing.probabilities import FEATURES, USUAL, HypothesisModel
 from pipeline.posing.registration import Alignment
 from pipeline.posing.verification import Agreement
@@ -61,6 +62,13 @@ class Registered(ABC, Generic[PossibleT]):
     probabilities: tuple[float, ...] = ()
     """(n,) the probability that each hypothesis is right. At most one of them is, so the
     probabilities and that of "none is right" add up to 1."""
+    prior: Prior | None = None
+    """The prior that narrowed the search and weighs the hypotheses; None without one."""
+
+    @property
+    def log_weights(self) -> NDArray[np.float64] | None:
+        """(n,) the logarithm of each hypothesis's weight by the prior; None without one."""
+        return None if self.prior is None else self.prior.log_weights(self.poses)
 
     @property
     @abstractmethod
@@ -161,7 +169,12 @@ class ScanFix(Registered[Hypothesis]):
     """The hypotheses of a 3-D scan."""
 
     @classmethod
-    def of(cls, hypotheses: Sequence[Hypothesis], model: HypothesisModel = USUAL) -> Self:
+    def of(
+        cls,
+        hypotheses: Sequence[Hypothesis],
+        model: HypothesisModel = USUAL,
+        prior: Prior | None = None,
+    ) -> Self:
         """Build a fix from hypotheses in any order, with the probabilities of a model.
 
         Of the hypotheses at one pose, the one of the highest quality is kept.
@@ -170,13 +183,19 @@ class ScanFix(Registered[Hypothesis]):
         for hypothesis in sorted(hypotheses, key=lambda hypothesis: -hypothesis.quality):
             if not is_same_pose(hypothesis, distinct).any():
                 distinct.append(hypothesis)
-        probabilities = model.probabilities(features(distinct))
+        probabilities = model.probabilities(
+            features(distinct), None if prior is None else prior.log_weights(_poses(distinct))
+        )
         order = np.argsort(-probabilities, kind="stable").tolist()
-        return cls(tuple(distinct[i] for i in order), tuple(float(probabilities[i]) for i in order))
+        return cls(
+            tuple(distinct[i] for i in order),
+            tuple(float(probabilities[i]) for i in order),
+            prior,
+        )
 
     def ordered(self, model: HypothesisModel) -> Self:
         """The same hypotheses, with the probabilities of another model and in their order."""
-        return self.of(self.hypotheses, model)
+        return self.of(self.hypotheses, model, self.prior)
 
     @property
     def features(self) -> NDArray[np.float64]:

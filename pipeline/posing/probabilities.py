@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.posing.prior import WRONG
+
 FEATURES = ("overlap", "seen_again", "surety", "upright", "margin", "ahead")
 """The features of a hypothesis; a larger value never lowers its probability.
 
@@ -47,14 +49,27 @@ class HypothesisModel:
         """
         return np.asarray(features @ np.array(self.weights) + self.offset)
 
-    def probabilities_and_none(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The probabilities (n + 1,) that each hypothesis is right, and last that none is."""
-        scores = np.append(self.scores(features), 0.0)
+    def probabilities_and_none(
+        self, features: NDArray[np.float64], log_weights: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """The probabilities (n + 1,) that each hypothesis is right, and last that none is.
+
+        `log_weights` (n,) are those of a prior, if there is one (posing/prior.py). What it left
+        unsearched is added to "none is right".
+        """
+        scores = self.scores(features)
+        none = 0.0
+        if log_weights is not None:
+            none = np.logaddexp(none, np.log(WRONG) + scores.max(initial=-np.inf))
+            scores = scores + log_weights
+        scores = np.append(scores, none)
         return np.asarray(np.exp(scores - np.logaddexp.reduce(scores)))
 
-    def probabilities(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+    def probabilities(
+        self, features: NDArray[np.float64], log_weights: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
         """The probability (n,) of each hypothesis of one query, from its features (n, feature)."""
-        return self.probabilities_and_none(features)[:-1]
+        return self.probabilities_and_none(features, log_weights)[:-1]
 
 
 USUAL = HypothesisModel((9.9, 6.9, 7.9, 5.0, 13.9, 7.5), -21.8)

@@ -30,6 +30,7 @@ from pipeline.matching.ranking import Ranking
 from pipeline.posing.aliases import aliases
 from pipeline.posing.expectations import Expectations
 from pipeline.posing.fix import Hypothesis, ScanFix, is_same_pose
+from pipeline.posing.prior import Prior
 from pipeline.posing.probabilities import USUAL, HypothesisModel
 from pipeline.posing.registration import Alignment, Approach, Cloud, Points, Registration
 from pipeline.posing.targets import Targets, within_range
@@ -63,6 +64,11 @@ class Answers(NamedTuple):
     def at(cls, xy_m: NDArray[np.float64]) -> Self:
         """Answers at positions (k, 2), without headings."""
         return cls(xy_m, np.full(len(xy_m), np.nan))
+
+    def near(self, prior: Prior) -> "Answers":
+        """The answers within a prior."""
+        is_near = prior.is_near(self.xy_m) & prior.is_towards(np.deg2rad(self.heading_deg))
+        return Answers(self.xy_m[is_near], self.heading_deg[is_near])
 
 
 NO_ANSWERS = Answers(np.empty((0, 2)), np.empty(0))
@@ -148,19 +154,21 @@ class Fixer:
         targets: Targets,
         answers: Answers = NO_ANSWERS,
         left_out: NDArray[np.bool_] | None = None,
+        prior: Prior | None = None,
     ) -> ScanFix:
         """Fix a query's points (n, 3), z up from the ground.
 
         The answers of a ranking are tried first, then the whole map. Training submaps that are True
-        in `left_out` (row,) are ignored. The fix has no hypothesis if the points are too few or not
-        finite.
+        in `left_out` (row,) are ignored. With a prior, only answers and submaps within it are
+        tried, and the ranking's first answer, wherever it is, as their rival. The fix has no
+        hypothesis if the points are too few or not finite.
         """
         query = self._prepared(points_m, targets)
         if query is None:
             return ScanFix()
         left_out = np.zeros(len(targets.world_T_anchor), bool) if left_out is None else left_out
-        search = _Search(self, query, targets, left_out)
-        return self._first_sure(partial(search.everywhere, answers), search.from_aliases)
+        search = _Search(self, query, targets, left_out, prior)
+        return self._first_sure(partial(search.everywhere, answers), search.from_aliases, prior)
 
     def track(
         self, points_m: Points, targets: Targets, world_T_guess: NDArray[np.float64], rows: int = 2
@@ -193,6 +201,7 @@ class Fixer:
         self,
         make_hypotheses: Callable[[Callable[[], float]], Iterator[Hypothesis]],
         register_aliases: Callable[[Hypothesis], list[Hypothesis]] | None = None,
+        prior: Prior | None = None,
     ) -> ScanFix:
         """Build the fix from as many hypotheses as it takes to be sure of one.
 
@@ -211,11 +220,11 @@ class Fixer:
 
         for hypothesis in make_hypotheses(least_overlap):
             hypotheses.append(hypothesis)
-            fix = ScanFix.of(hypotheses, self.model)
+            fix = ScanFix.of(hypotheses, self.model, prior)
             while register_aliases is not None and self._needs_comparison(fix, compared):
                 compared.append(fix.hypotheses[0])
                 hypotheses += register_aliases(fix.hypotheses[0])
-                fix = ScanFix.of(hypotheses, self.model)
+                fix = ScanFix.of(hypotheses, self.model, prior)
             if fix.probability >= self.sure:
                 break
         return fix
@@ -240,20 +249,31 @@ class _Search:
     query: Query
     targets: Targets
     left_out: NDArray[np.bool_]
+    prior: Prior | None = None
 
     def everywhere(
         self, answers: Answers, least_overlap: Callable[[], float]
     ) -> Iterator[Hypothesis]:
         """Hypotheses all over the map: from the ranking's first answer, then from candidates.
 
-        Only approaches of `least_overlap()` or more are refined.
+        Only approaches of `least_overlap()` or more are refined. With a prior, the candidates are
+        those within it. The ranking's first answer is a rival of them: it comes first if it is
+        outside, before a candidate can end the search.
         """
+        left_out = self.left_out
+        if self.prior is not None:
+            first = Answers(answers.xy_m[:1], answers.heading_deg[:1])
+            if not len(first.near(self.prior).xy_m):
+                yield from self._from_first_answer(first, least_overlap)
+            answers = answers.near(self.prior)
+            anchors_m = self.targets.world_T_anchor[:, :2, 3]
+            left_out = left_out | ~self.prior.is_near(anchors_m, self.fixer.walls.offset_m)
         if self.targets.is_map:
             yield from self._from_answers(answers, least_overlap)
             return
         yield from self._from_first_answer(answers, least_overlap)
-        nearest = self.targets.nearest(answers.xy_m, self.left_out)
-        similar = self.targets.similar(self.fixer.coarse, self.query.walls_m, self.left_out)
+        nearest = self.targets.nearest(answers.xy_m, left_out)
+        similar = self.targets.similar(self.fixer.coarse, self.query.walls_m, left_out)
         rows = self.targets.spaced(chain(nearest, similar))
         for count in self.fixer.rounds:
             yield from self._round(list(islice(rows, count)), least_overlap)
@@ -327,12 +347,22 @@ class _Search:
         matches = {}  # by row
         for row in rows:
             chart = self.targets.chart(fixer.walls, row)
-            matches[row] = fixer.walls.match(chart, self.query.cells_at_headings)
+            headings = self._headings(row)
+            matches[row] = fixer.walls.match(chart, self.query.cells_at_headings, headings)
         best_rows = sorted(matches, key=lambda row: -matches[row].score)[: fixer.tries]
         # Refine the best match first: it is often right, and then the search may end.
         for group, refined_count in ((best_rows[:1], 1), (best_rows[1:], fixer.refined - 1)):
             guesses = {row: matches[row].target_T_query for row in group}
             yield from self._refined_best(guesses, refined_count, least_overlap)
+
+    def _headings(self, row: int) -> NDArray[np.int64] | None:
+        """The numbers of the headings within the prior in a submap's frame; None for all."""
+        if self.prior is None or self.prior.reach_rad >= np.pi:
+            return None
+        step_rad = 2 * np.pi / self.fixer.walls.headings
+        headings_rad = np.arange(self.fixer.walls.headings) * step_rad
+        in_world_rad = headings_rad + yaw(self.targets.world_T_anchor[row])
+        return np.flatnonzero(self.prior.is_towards(in_world_rad, step_rad))
 
     def _refined_best(
         self,

@@ -100,8 +100,8 @@ class Judge:
             return np.ones(len(CLAIMS))
         # Both are (hypothesis + 1,): the last entry is that no hypothesis is right, or near.
         features = fix.features
-        pose_probabilities = self.pose.probabilities_and_none(features)
-        place_probabilities = self.place.probabilities_and_none(features)
+        pose_probabilities = self.pose.probabilities_and_none(features, fix.log_weights)
+        place_probabilities = self.place.probabilities_and_none(features, fix.log_weights)
         xy_m = fix.poses[:, :2, 3]
         is_far = np.linalg.norm(xy_m - xy_m[0], axis=1) >= self.tolerances.near_m
         is_unreported = np.ones(len(pose_probabilities), bool)

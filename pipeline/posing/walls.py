@@ -111,15 +111,25 @@ class Walls:
         sums = _sums(chart[0], cells + self.half_width_cells, self.offset_cells)
         return np.asarray(sums / (WALL * max(len(middles), 1)))
 
-    def match(self, chart: Chart, cells_at_headings: NDArray[np.int64]) -> Match:
+    def match(
+        self,
+        chart: Chart,
+        cells_at_headings: NDArray[np.int64],
+        headings: NDArray[np.int64] | None = None,
+    ) -> Match:
         """The heading and offset at which the cells of a query (heading, n, 2) fit a chart best.
 
-        The search may stop early, and then miss a slightly better pose.
+        Only the headings of these numbers are tried, by default all. The search may stop early, and
+        then miss a slightly better pose.
         """
         pose = np.eye(4)
         if not cells_at_headings.shape[1]:
             return Match(0.0, pose)
+        if headings is not None:
+            cells_at_headings = cells_at_headings[headings]
         score, heading, x, y = _search(chart, cells_at_headings, self.offset_cells)
+        if headings is not None:
+            heading = int(headings[heading])
         angle = heading * 2 * np.pi / self.headings
         pose[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
         pose[:2, 3] = x * self.cell_m, y * self.cell_m
