@@ -6,8 +6,8 @@ the positions and headings at which a query's walls fit it best, wherever traini
 also beside the training path, and on a 3-D map that has no path (`pipeline/online/map_pack.py`).
 """
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,23 +119,19 @@ class BevCorrelation(DescriptorMethod):
         return drawn_map(wall, anchor, self.candidates_m, self.cell_m, reach_cells)
 
 
-@dataclass(frozen=True)
 class BevLocalizer:
     """Ranks the positions of a map that fit a view best."""
 
-    method: BevCorrelation
-    database: Database
-    drawn: WallMap
-
-    @cached_property
-    def _tree(self) -> KDTree:
-        """The positions of the training anchors."""
-        return KDTree(self.database.xy_m)
+    def __init__(self, method: BevCorrelation, database: Database, drawn: WallMap) -> None:
+        self._method = method
+        self._database = database
+        self._drawn = drawn
+        self._tree = KDTree(database.xy_m)
 
     def near(self, xy_m: NDArray[np.float64], reach_m: float) -> "BevLocalizer":
         """The same search, of the positions up to `reach_m` from a position (2,) alone."""
-        narrowed = replace(self, drawn=self.drawn.near(xy_m, reach_m))
-        narrowed.__dict__["_tree"] = self._tree
+        narrowed = copy(self)
+        narrowed._drawn = self._drawn.near(xy_m, reach_m)
         return narrowed
 
     def __call__(self, views: Rows, k: int) -> Ranking:
@@ -146,10 +142,10 @@ class BevLocalizer:
         xy_m = np.full((len(images), k, 2), np.nan)
         heading_deg = np.full((len(images), k), np.nan, np.float32)
         for i, image in enumerate(images):
-            fits = self.method.fits(self.drawn, image, k)
+            fits = self._method.fits(self._drawn, image, k)
             found = slice(len(fits.scores))
             nearest = np.asarray(self._tree.query(fits.xy_m)[1])
-            places[i, found] = self.database.places[nearest]
+            places[i, found] = self._database.places[nearest]
             costs[i, found] = 1 - fits.scores
             xy_m[i, found] = fits.xy_m
             heading_deg[i, found] = fits.heading_deg
