@@ -165,7 +165,7 @@ def yearloc(day: Day, fixer: Fixer) -> Answers:
     """Poses and verdicts of the artifact; the time is of the same fixes, computed again."""
     novelty = day.fixes.load("novelty")[:, 0]
     made = from_ranking(day, fixer)
-    accepted = novelty[day.rows] < day.fixes.pose_thresholds[1]
+    accepted = novelty[day.rows] < day.fixes.reject_from()
     world_T_query = day.fixes.load("world_T_query")[day.rows]
     return replace(made, world_T_query=world_T_query, accepted=accepted)
 

@@ -51,7 +51,7 @@ class Day:
         n = len(self.stamps_ns)
         self.world_T_query = self.fixes.load("world_T_query")[:n]
         self.novelty = self.fixes.load("novelty")[:n, 0].astype(np.float64)
-        self.pose_thresholds = self.fixes.pose_thresholds[1]
+        self.reject_from = self.fixes.reject_from(TARGET_PRECISION)
         sad = artifacts / "localize" / Path(model).parent / "sad" / name
         self.sad = store.read(sad, schemas.Rankings) if sad.is_dir() else None
         self.passed_m = travelled_m(self.world_T_true[:, :2, 3])
@@ -59,7 +59,7 @@ class Day:
 
 def alone(day: Day, rows: NDArray[np.int64], rng: np.random.Generator) -> Answers:
     """Each query by itself."""
-    return day.novelty[rows] < day.pose_thresholds, OF_SCANS.right(
+    return day.novelty[rows] < day.reject_from, OF_SCANS.right(
         day.world_T_query[rows], day.world_T_true[rows]
     )
 

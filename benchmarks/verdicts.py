@@ -28,12 +28,11 @@ from pipeline.core import schemas, store
 from pipeline.mapping.gathering import submap_points
 from pipeline.online.site import Site
 from pipeline.posing.learned_verdict import VERDICT
-from pipeline.posing.verdict import CLAIMS, OF_SCANS
+from pipeline.posing.verdict import CLAIMS, OF_SCANS, TARGET_PRECISIONS
 
 SEEN_M = 5.0
 EVERY = 20
 BINS = 10
-PRECISIONS = (0.95, 0.99, 0.999)
 
 
 def interval(wrong: int, accepted: int) -> tuple[float, float]:
@@ -76,7 +75,7 @@ def day(
         np.linalg.norm(world_T_query[:, :2, 3] - world_T_true[:, :2, 3], axis=1) < OF_SCANS.near_m
     )
     calibration_error = calibration(1 - errors[:, 0], good)
-    covered = ", ".join(f"{coverage(errors[:, 0], good, p):.3f} at {p}" for p in PRECISIONS)
+    covered = ", ".join(f"{coverage(errors[:, 0], good, p):.3f} at {p}" for p in TARGET_PRECISIONS)
     rows = [
         f"{n} queries, {seen.sum()} seen, right of these {good[seen].mean():.3f}; calibration "
         f"error {calibration_error:.3f}",

@@ -93,14 +93,16 @@ def _true_poses(site: "Site", log: str, scans: "Sequence[Scan]", poses: str | No
     import numpy as np
 
     from pipeline.lifelong.calibration import confirmed
+    from pipeline.lifelong.pseudo_labels import LOOSE_PRECISION
 
     if poses is not None:
         world_T_scan = reference_poses(poses, scans)
         if not np.isfinite(world_T_scan).all(axis=(1, 2)).any():
             raise LogError(f"{log}: --poses {poses} covers none of its {len(scans)} scans")
         return world_T_scan
-    if not site.target_precisions:
+    target_precision = site.kept_precision(LOOSE_PRECISION)
+    if target_precision is None:
         raise ConfigError(
             "the site accepts no fix that could confirm others: give --poses with reference poses"
         )
-    return confirmed(site, scans, min(site.target_precisions))
+    return confirmed(site, scans, target_precision)

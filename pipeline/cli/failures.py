@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.cli.kernels import tell_cold
-from pipeline.cli.options import BodyTLidar, TargetPrecision
+from pipeline.cli.options import BodyTLidar, Strict, TargetPrecision
 from pipeline.cli.outputs import check_folder
 from pipeline.cli.project import named_model
-from pipeline.cli.scan_options import scan_options
+from pipeline.cli.scan_options import scan_options, tell_kept, told_kept
 from pipeline.cli.summary import tell_left_out
 from pipeline.cli.update import POSES_OF_LOG, reference_poses
 from pipeline.core.errors import ConfigError, LogError
@@ -80,6 +80,7 @@ def failures(
     worst: Worst = 20,
     out: Out = Path("failures"),
     target_precision: TargetPrecision = 0.99,
+    strict: Strict = False,
 ) -> None:
     """Draw each fix whose verdict is wrong: accepted though wrong, or rejected though right."""
     from pipeline.evaluation.failures import failures as failed
@@ -87,9 +88,9 @@ def failures(
 
     check_folder(out)
     if of.count("/") == 2 and not Path(of).exists():
-        judged = _judged_of_study(of, log, target_precision)
+        judged = _judged_of_study(of, log, target_precision, strict)
     else:
-        judged = _judged_of_site(of, log, poses, body_T_lidar, target_precision)
+        judged = _judged_of_site(of, log, poses, body_T_lidar, target_precision, strict)
     misjudged_fixes = failed(judged.fixes)
     out.mkdir(parents=True, exist_ok=True)
     heading_end = ", ".join((judged.precision_text, *judged.notes))
@@ -109,6 +110,7 @@ def _judged_of_site(
     poses: str | None,
     body_T_lidar: str | None,
     target_precision: float | None,
+    strict: bool,
 ) -> JudgedFixes:
     """Localise the scans of a log that have a true pose by a site file."""
     import numpy as np
@@ -118,7 +120,7 @@ def _judged_of_site(
     from pipeline.online.site_json import notes
 
     site = Site.open(Path(name), level=False)
-    site.check(target_precision)
+    target_precision = told_kept(site, target_precision, strict)
     tell_cold()
     options = scan_options(site, body_T_lidar=body_T_lidar)
     if log is None:
@@ -150,11 +152,14 @@ def _judged_of_site(
     )
 
 
-def _judged_of_study(name: str, day: str | None, target_precision: float | None) -> JudgedFixes:
+def _judged_of_study(
+    name: str, day: str | None, target_precision: float | None, strict: bool
+) -> JudgedFixes:
     """Read the fixes of STUDY/GRID/METHOD on one test day, or on all test days."""
     from pipeline.core import store
+    from pipeline.core.precisions import kept_precision, kept_words
     from pipeline.core.schemas import Fixes
-    from pipeline.evaluation.failures import of_drive, reject_from
+    from pipeline.evaluation.failures import of_drive, reject_from, target_precisions
     from pipeline.mapping.from_above import Drive
     from pipeline.posing.cut_outs import read_targets
     from pipeline.studies.layout import Layout
@@ -165,20 +170,26 @@ def _judged_of_study(name: str, day: str | None, target_precision: float | None)
         raise ConfigError(f"{day}: expected one of {', '.join(study.query_days)}")
     layout = Layout()
     fixes: list[JudgedFix] = []
+    precision_text = "no pose is accepted"
+    is_told = False
     for test_day in [day] if day else study.query_days:
         answers = store.read(layout.answers(study.name, grid, model, test_day), Fixes)
         drive = Drive.read(
             layout.path("scans", study.name, test_day), layout.path("submaps", study.name, test_day)
         )
-        fixes += of_drive(
-            answers, drive, reject_from(answers, target_precision), f"{test_day} query {{}}"
-        )
+        threshold = reject_from(answers, target_precision, strict)
+        fixes += of_drive(answers, drive, threshold, f"{test_day} query {{}}")
+        # the thresholds of all test days are those of the same validation blocks
+        if not is_told:
+            tell_kept(kept_words("this model", target_precisions(answers), target_precision))
+            is_told = True
+        kept = kept_precision(target_precisions(answers), target_precision)
+        if kept is not None:
+            precision_text = f"target precision {kept:g}"
     return JudgedFixes(
         fixes,
         read_targets(layout.path("map", study.name, study.train_text)),
-        "no pose is accepted"
-        if target_precision is None
-        else f"target precision {target_precision:g}",
+        precision_text,
         ("simulated",) if study.simulated else (),
     )
 

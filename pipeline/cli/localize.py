@@ -21,13 +21,14 @@ from pipeline.cli.options import (
     Idle,
     Odometry,
     SitePath,
+    Strict,
     TargetPrecision,
     Topic,
     Track,
     only_one,
 )
 from pipeline.cli.outputs import check_file
-from pipeline.cli.scan_options import check_site, scan_options, scans_or_followed
+from pipeline.cli.scan_options import check_site, scan_options, scans_or_followed, told_kept
 from pipeline.cli.summary import Summary
 from pipeline.core.errors import ConfigError
 
@@ -84,6 +85,7 @@ def localize(
     mcap: Mcap = False,
     out: Out = None,
     target_precision: TargetPrecision = 0.99,
+    strict: Strict = False,
     lift: Lift = None,
     body_T_lidar: BodyTLidar = None,
     topic: Topic = None,
@@ -104,8 +106,9 @@ def localize(
     if threads < 1:
         raise ConfigError(f"--threads {threads}: expected at least 1")
     site = Site.open(path, threads)
-    check_site(site, target_precision, odometry, track, follow)
+    check_site(site, odometry, track, follow)
     check_file(out, is_written_whole=output_format == "mcap")
+    target_precision = told_kept(site, target_precision, strict)
     options = scan_options(
         site, topic=topic, odometry=odometry, body_T_lidar=body_T_lidar, lift_m=lift
     )

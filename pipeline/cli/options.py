@@ -36,7 +36,14 @@ TargetPrecision = Annotated[
         metavar="P",
         parser=share_or_none,
         help="Accept only poses that are right with at least this probability, as calibrated on "
-        "validation blocks; none accepts no pose",
+        "validation blocks; none accepts no pose. If that cannot be kept, a line says so, and the "
+        "largest below it that can be is used",
+    ),
+]
+Strict = Annotated[
+    bool,
+    typer.Option(
+        "--strict", help="Refuse a target precision that cannot be kept, instead of a lower one"
     ),
 ]
 BodyTLidar = Annotated[

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.cli.options import Odometry, TargetPrecision, Topic
+from pipeline.cli.options import Odometry, Strict, TargetPrecision, Topic
 from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Bar
 from pipeline.cli.project import named_model
-from pipeline.cli.scan_options import scan_options
+from pipeline.cli.scan_options import scan_options, told_kept
 from pipeline.core.errors import ConfigError, LogError
 
 if TYPE_CHECKING:  # at run time these would slow the start of every command
@@ -46,6 +46,7 @@ def picture(
         ),
     ] = None,
     target_precision: TargetPrecision = 0.99,
+    strict: Strict = False,
     topic: Topic = None,
     odometry: Odometry = None,
 ) -> None:
@@ -54,7 +55,7 @@ def picture(
     With a level site, it shows a tracked log or bag in the plan of the building.
     """
     if of.endswith(".site"):
-        print(draw_level_drive(Path(of), day, out, target_precision, topic, odometry))
+        print(draw_level_drive(Path(of), day, out, target_precision, strict, topic, odometry))
     else:
         summary_line, _ = draw(of, day, out)
         print(summary_line)
@@ -99,6 +100,7 @@ def draw_level_drive(
     log: str | None,
     out: Path,
     target_precision: float | None,
+    strict: bool,
     topic: str | None,
     odometry: str | None,
 ) -> str:
@@ -119,6 +121,7 @@ def draw_level_drive(
         raise ConfigError(f"{path}: a site of 3-D scans; `yearloc watch` shows its drives")
     if log is None:
         raise ConfigError(f"{path}: expected a log or a bag after it")
+    target_precision = told_kept(site, target_precision, strict)
     skipped: Counter[str] = Counter()
     broken: list[str] = []  # for each sweep that could not be read, why
     sweeps = scan_options(site, topic=topic, odometry=odometry).scans(log, skipped)

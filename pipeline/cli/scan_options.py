@@ -1,5 +1,6 @@
 """Reads scans for a site as the options of `localize`, `watch`, `update` and `failures` say."""
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -57,11 +58,24 @@ def scans_or_followed(
         summary.broken.append(recording.damage)
 
 
-def check_site(
-    site: "Site", target_precision: float | None, odometry: str | None, track: bool, follow: bool
-) -> None:
+def told_kept(site: "Site", target_precision: float | None, strict: bool) -> float | None:
+    """The precision that the site keeps if this one is wanted, after a line if it is another.
+
+    Raises InputError for another one if `strict`.
+    """
+    kept = site.kept_precision(target_precision, strict)
+    tell_kept(site.kept_words(target_precision))
+    return kept
+
+
+def tell_kept(words: str | None) -> None:
+    """Print the line that says which precision is kept instead of the wanted one, if any."""
+    if words:
+        print(f"{words} (--strict refuses instead)", file=sys.stderr)
+
+
+def check_site(site: "Site", odometry: str | None, track: bool, follow: bool) -> None:
     """Raise ConfigError for options of `localize` and `watch` that do not apply to this site."""
-    site.check(target_precision)
     if odometry and not track and not site.gathers:
         raise ConfigError(f"--odometry {odometry}: needs --track")
     if site.is_level and follow:

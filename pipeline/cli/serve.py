@@ -14,7 +14,8 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.kernels import tell_cold
-from pipeline.cli.options import BodyTLidar, SitePath, lidar_of, share_or_none
+from pipeline.cli.options import BodyTLidar, SitePath, Strict, lidar_of, share_or_none
+from pipeline.cli.scan_options import told_kept
 from pipeline.core.errors import ConfigError, needed
 
 Port = Annotated[int, typer.Option(metavar="PORT", help="The port that HTTP listens at")]
@@ -60,13 +61,16 @@ def serve(
     workers: Workers = 1,
     zenoh: ZenohEndpoint = None,
     target_precision: ZenohTargetPrecision = 0.99,
+    strict: Strict = False,
     body_T_lidar: BodyTLidar = None,
     key: ZenohKey = "yearloc",
 ) -> None:
     """Localise scans over HTTP (POST /localize, GET /healthz, /metrics) or over Zenoh."""
     if zenoh:
-        _serve_zenoh(path, zenoh, key, target_precision, body_T_lidar)
+        _serve_zenoh(path, zenoh, key, target_precision, body_T_lidar, strict)
         return
+    if strict:
+        raise ConfigError("--strict: only with --zenoh; over HTTP each request gives ?strict=true")
     if body_T_lidar:
         raise ConfigError(
             "--body-T-lidar: only with --zenoh; over HTTP each request gives it as ?body_T_lidar="
@@ -89,7 +93,7 @@ def _serve_http(path: Path, host: str, port: int, workers: int) -> None:
     online.check_reach(host, os.environ.get(online.TOKEN, ""))
     if workers < 1:
         raise ConfigError(f"--workers {workers}: expected at least 1")
-    target_precisions = read_either(path).description.verdict.reachable
+    verdict = read_either(path).description.verdict
     _check_port(host, port)
     # Each worker is a process of its own, which reads the site's path from the environment.
     os.environ[online.SITE] = str(path.resolve())
@@ -98,9 +102,11 @@ def _serve_http(path: Path, host: str, port: int, workers: int) -> None:
             os.environ["PROMETHEUS_MULTIPROC_DIR"] = metrics_folder
         ready_line = (
             f"serving {path} at http://{host}:{port}/localize, target precisions "
-            f"{', '.join(map(str, target_precisions)) or 'none'}; Ctrl-C stops it"
+            f"{', '.join(map(str, verdict.reachable)) or 'none'}; Ctrl-C stops it"
         )
         print(ready_line, file=sys.stderr, flush=True)
+        if words := verdict.kept_words(online.TARGET_PRECISION):
+            print(f"{words} (?strict=true refuses instead)", file=sys.stderr, flush=True)
         tell_cold()
         uvicorn.run(
             "pipeline.online.serve:from_environment",
@@ -125,7 +131,12 @@ def _check_port(host: str, port: int) -> None:
 
 
 def _serve_zenoh(
-    path: Path, endpoint: str, key: str, target_precision: float | None, body_T_lidar: str | None
+    path: Path,
+    endpoint: str,
+    key: str,
+    target_precision: float | None,
+    body_T_lidar: str | None,
+    strict: bool,
 ) -> None:
     """Answer each scan on KEY/points by a fix on KEY/fix until interrupted.
 
@@ -136,6 +147,7 @@ def _serve_zenoh(
     with needed("zenoh"):
         from pipeline.online import bridge
     site = Site.open(path, level=False)
+    target_precision = told_kept(site, target_precision, strict)
     tell_cold()
     ready_line = f"{path}: {key}/points → {key}/fix at {endpoint}; Ctrl-C stops it"
 

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.cli.kernels import tell_cold
-from pipeline.cli.options import BodyTLidar, SitePath, Topic
+from pipeline.cli.options import BodyTLidar, SitePath, Strict, Topic
 from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Lines
-from pipeline.cli.scan_options import scan_options
+from pipeline.cli.scan_options import scan_options, told_kept
 from pipeline.cli.summary import tell_left_out
 from pipeline.core.errors import ConfigError
 
@@ -78,6 +78,7 @@ def update(
     out: Out = None,
     poses: ReferencePoses = None,
     target_precision: LearnedTargetPrecision = 0.99,
+    strict: Strict = False,
     body_T_lidar: BodyTLidar = None,
     topic: Topic = None,
     odometry: BagOdometry = None,
@@ -96,7 +97,7 @@ def update(
         )
     site = Site(parts, threads=2)
     if not poses:
-        site.check(target_precision)
+        told_kept(site, target_precision, strict)
     tell_cold()
     skipped: Counter[str] = Counter()
     options = scan_options(site, topic=topic, odometry=odometry, body_T_lidar=body_T_lidar)

@@ -17,12 +17,13 @@ from pipeline.cli.options import (
     Idle,
     Odometry,
     SitePath,
+    Strict,
     TargetPrecision,
     Topic,
     Track,
 )
 from pipeline.cli.outputs import check_file
-from pipeline.cli.scan_options import check_site, scan_options, scans_or_followed
+from pipeline.cli.scan_options import check_site, scan_options, scans_or_followed, told_kept
 from pipeline.cli.summary import Summary
 from pipeline.core.errors import ConfigError
 
@@ -44,6 +45,7 @@ def watch(
     log: LogPath,
     save: Save = None,
     target_precision: TargetPrecision = 0.99,
+    strict: Strict = False,
     body_T_lidar: BodyTLidar = None,
     topic: Topic = None,
     odometry: Odometry = None,
@@ -63,8 +65,9 @@ def watch(
     if save is not None and save.suffix not in (".rrd", ".mcap"):
         raise ConfigError(f"--save {save}: expected FILE.rrd or FILE.mcap")
     site = Site.open(path)
-    check_site(site, target_precision, odometry, track, follow)
+    check_site(site, odometry, track, follow)
     check_file(save)
+    target_precision = told_kept(site, target_precision, strict)
     is_for_foxglove = save is not None and save.suffix == ".mcap"
     open_recording: Any = foxglove.Recording if is_for_foxglove else rerun.Recording
     tell_cold()

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
 from pipeline.core.frames import travelled_m
+from pipeline.core.precisions import kept_precision
 from pipeline.core.store import Array, Artifact
 
 SINCE_1970 = "nanoseconds since 1970-01-01"
@@ -461,7 +462,10 @@ class Rankings(SequenceRanking, kind="rankings", version=6):
 
 
 JUDGED_PRECISION = 0.99
-"""The target precision at which results and pictures judge poses; one of `target_precisions`."""
+"""The wanted precision at which results and pictures judge poses. Where it cannot be kept, they
+judge at the largest one below it that can be."""
+REJECT_ALL = -1.0
+"""The novelty from which poses are rejected if no precision can be kept: no novelty is below 0."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -518,19 +522,30 @@ class Fixes(SequenceRanking, kind="fixes", version=6):
         "metres and degrees within which a pose is right: 2 and 5, or 1 and 10 for level sweeps",
     ]
 
-    def reject_from(self, target_precision: float = JUDGED_PRECISION, claim: str = "fix") -> float:
-        """The novelty from which a claim is rejected, so that accepted claims reach a precision.
+    def kept_precision(self, wanted: float = JUDGED_PRECISION) -> float | None:
+        """The precision that accepted poses keep if this one is wanted: see core.precisions.
 
-        The precision is `target_precision`, one of `target_precisions`. The claim is that the pose
-        is right (`fix`), that the query is near it (`place`), or that one of the query's first
-        poses is right (`several`).
+        None if there is no threshold for any.
         """
+        by_precision = zip(self.target_precisions, self.pose_thresholds, strict=True)
+        return kept_precision((p for p, threshold in by_precision if threshold > 0), wanted)
+
+    def reject_from(self, wanted: float = JUDGED_PRECISION, claim: str = "fix") -> float:
+        """The novelty from which a claim is rejected, so that accepted claims keep a precision.
+
+        The precision is the one that is kept for the `wanted` one; if there is none, nothing is
+        accepted. The claim is that the pose is right (`fix`), that the query is near it (`place`),
+        or that one of the query's first poses is right (`several`).
+        """
+        kept = self.kept_precision(wanted)
+        if kept is None:
+            return REJECT_ALL
         thresholds = {
             "fix": self.pose_thresholds,
             "place": self.place_thresholds,
             "several": self.several_thresholds,
         }
-        return thresholds[claim][self.target_precisions.index(target_precision)]
+        return thresholds[claim][self.target_precisions.index(kept)]
 
 
 @dataclass(frozen=True, eq=False)

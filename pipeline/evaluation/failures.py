@@ -77,17 +77,18 @@ def target_precisions(fixes: Fixes) -> dict[float, float]:
     return {precision: novelty for precision, novelty in pose_thresholds if novelty > 0}
 
 
-def reject_from(fixes: Fixes, target_precision: float | None) -> float:
+def reject_from(fixes: Fixes, target_precision: float | None, strict: bool = False) -> float:
     """The threshold of novelty for a target precision; 0 for None, which accepts nothing.
 
-    Raises ConfigError for a target precision that the fixes have no threshold for.
+    It is that of the precision that is kept for it (`Fixes.kept_precision`). If `strict`, raises
+    ConfigError for a target precision that the fixes have no threshold for.
     """
     if target_precision is None:
         return 0.0
     possible_precisions = target_precisions(fixes)
-    if target_precision not in possible_precisions:
+    if strict and target_precision not in possible_precisions:
         possible = (
-            f"they have thresholds for {' and '.join(map(str, possible_precisions))}"
+            f"they have thresholds for {', '.join(map(str, possible_precisions))}"
             if possible_precisions
             else "they have none at all; --target-precision none draws every pose as rejected"
         )
@@ -95,7 +96,7 @@ def reject_from(fixes: Fixes, target_precision: float | None) -> float:
             f"--target-precision {target_precision:g}: these poses have no threshold for it; "
             f"{possible}"
         )
-    return possible_precisions[target_precision]
+    return fixes.reject_from(target_precision)
 
 
 def unperturbed(fixes: Fixes, count: int) -> slice:

@@ -7,7 +7,6 @@ thresholds (METHODS 13.4).
 
 from pipeline.core.frames import LEVEL_RIGHT_WITHIN
 from pipeline.level.fix import SCALES, LevelFix
-from pipeline.matching.rejection import ACCEPT_NOTHING
 from pipeline.posing.probabilities import HypothesisModel
 from pipeline.posing.verdict import (
     TARGET_PRECISIONS,
@@ -17,6 +16,7 @@ from pipeline.posing.verdict import (
     Tolerances,
     Verdict,
     tested,
+    usual_thresholds,
 )
 
 OF_SWEEPS = Tolerances(
@@ -31,12 +31,12 @@ USUAL = Judge(
 """The judge of all maps, learned from validation stretches of the first halves of three recorded
 buildings (`python -m benchmarks.level CARMEN --usual`)."""
 USUAL_THRESHOLDS: ClaimThresholds = {
-    "fix": (0.25, 0.05, ACCEPT_NOTHING),
-    "place": (0.25, 0.05, ACCEPT_NOTHING),
-    "several": (0.25, ACCEPT_NOTHING, ACCEPT_NOTHING),
+    "fix": usual_thresholds({0.95: 0.25, 0.99: 0.05}),
+    "place": usual_thresholds({0.95: 0.25, 0.99: 0.05}),
+    "several": usual_thresholds({0.95: 0.25}),
 }
 """For each of CLAIMS and of TARGET_PRECISIONS, the error probability from which on the claim is
-rejected; learned from the same stretches."""
+rejected; learned at .95 and .99 from the same stretches."""
 LARGEST_ERROR_PROBABILITY = max(max(thresholds) for thresholds in USUAL_THRESHOLDS.values())
 """No claim with this error probability or a larger one is accepted in any map."""
 NO_EVIDENCE = FixEvidence[LevelFix].joined([])

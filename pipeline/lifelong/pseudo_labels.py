@@ -28,6 +28,9 @@ from pipeline.posing.verdict import OF_SCANS
 
 STEP_M = 0.8
 """The least distance between two pseudo-labelled scans, a little less than between submaps."""
+LOOSE_PRECISION = 0.95
+"""The wanted precision of a tracker whose poses are used whether they are accepted or not, and of
+fixes that others are to confirm."""
 
 
 class NoPseudoLabelsError(LogError):
@@ -75,14 +78,16 @@ def from_site(
 ) -> PseudoLabels:
     """Pseudo-label scans of one drive by the site's own fixes that are accepted.
 
-    Without a target precision, every fix with a pose is used. Raises NoPseudoLabelsError if no scan
-    is pseudo-labelled, or if the site has no threshold for the target precision.
+    If the site cannot keep the target precision, the largest below it that it can is used. Without
+    a target precision, every fix with a pose is used. Raises NoPseudoLabelsError if no scan is
+    pseudo-labelled, or if the site can keep no target precision.
     """
-    if target_precision is not None and target_precision not in site.target_precisions:
-        raise NoPseudoLabelsError(
-            f"nothing to learn of {len(scans)} scans: the site has no threshold for the target "
-            f"precision {target_precision:g}"
-        )
+    if target_precision is not None:
+        target_precision = site.kept_precision(target_precision)
+        if target_precision is None:
+            raise NoPseudoLabelsError(
+                f"nothing to learn of {len(scans)} scans: the site can keep no target precision"
+            )
     forwards = followed(site, scans, target_precision)
     backwards = followed(site, scans[::-1], target_precision)[::-1]
     poses = np.tile(NO_POSE, (len(scans), 1, 1))
@@ -130,7 +135,7 @@ def poses_at(scans: Sequence[Scan], poses: Trajectory) -> Poses:
 
 def followed(site: Site, scans: Sequence[Scan], target_precision: float | None) -> list[Fix]:
     """The fix of each scan, by a tracker that gets the scans in this order."""
-    tracker = Tracker(site, target_precision or min(site.target_precisions, default=None))
+    tracker = Tracker(site, target_precision or LOOSE_PRECISION)
     return [tracker.follow(scan, scan.points()) for scan in scans]
 
 

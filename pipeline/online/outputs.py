@@ -37,6 +37,7 @@ COLUMNS = (
     "novelty",
     "place_novelty",
     "overlap",
+    "target_precision",
     "accepted_at",
     "ms",
 )
@@ -79,6 +80,7 @@ def _row(scan: Scan, fix: Fix) -> list[Any]:
         round(fix.novelty, 6),
         round(fix.place_novelty, 6),
         round(fix.overlap, 4),
+        fix.target_precision,
         fix.accepted_at,
         round(fix.ms, 1),
     )

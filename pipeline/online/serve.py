@@ -42,6 +42,10 @@ MOST_WAITING = 16
 GONE_STATUS = 499
 GONE_REASON = "the client is gone"
 """The status, for the metrics, and the reason of a request whose client has disconnected."""
+OPTIONS = ("target_precision", "strict", "lift_m", "body_T_lidar")
+"""The options of a request to localise a scan."""
+TARGET_PRECISION = 0.99
+"""The wanted precision of a request that names none."""
 WAYS = "lift_m={:.2f}", "body_T_lidar={}"
 """The options of a request to raise its points, and to give the lidar's pose (sensor.py)."""
 SITE = "YEARLOC_SITE"
@@ -113,7 +117,8 @@ def serving(path: Path, token: str = "") -> FastAPI:
         nonlocal sensor_warnings, last_ms
         _authorise(request, token)
         _check_options(request)
-        target_precision = _target_precision(request, site)
+        wanted_precision = _wanted_precision(request)
+        target_precision = _kept_precision(request, site, wanted_precision)
         body_T_lidar = _placement(request, site)
         if waiting.locked():
             raise RequestError(
@@ -136,7 +141,7 @@ def serving(path: Path, token: str = "") -> FastAPI:
         answers.labels(fix.verdict).inc()
         durations.observe(fix.ms / 1e3)
         scan = Scan("", stamp_ns, lambda: points_m, NO_POSE, NO_POSE)
-        return JSONResponse(record(scan, fix))
+        return JSONResponse(record(scan, fix) | {"notice": site.kept_words(wanted_precision)})
 
     @app.get("/healthz")
     async def healthz() -> dict[str, Any]:
@@ -144,6 +149,7 @@ def serving(path: Path, token: str = "") -> FastAPI:
             "site": site.name,
             "notes": [*notes(site.description)],
             "target_precisions": [*site.target_precisions],
+            "notice": site.kept_words(TARGET_PRECISION),
             "waiting": MOST_WAITING - waiting._value,
             "unlike": sensor_warnings,
         }
@@ -175,25 +181,34 @@ def _authorise(request: Request, token: str) -> None:
 
 def _check_options(request: Request) -> None:
     """Raise RequestError for an unknown option."""
-    unknown_options = {*request.query_params} - {"target_precision", "lift_m", "body_T_lidar"}
+    unknown_options = {*request.query_params} - {*OPTIONS}
     if unknown_options:
         raise RequestError(
             400,
-            f"?{min(unknown_options):.30}: no such option; expected target_precision, lift_m or "
-            "body_T_lidar",
+            f"?{min(unknown_options):.30}: no such option; expected {', '.join(OPTIONS[:-1])} or "
+            f"{OPTIONS[-1]}",
         )
 
 
-def _target_precision(request: Request, site: Site) -> float | None:
-    """The target precision of a request; RequestError if the site has no threshold for it."""
-    target_precision = None
-    if request.query_params.get("target_precision") != "none":
-        target_precision = _number(request, "target_precision", 0.99)
+def _wanted_precision(request: Request) -> float | None:
+    """The target precision that a request wants; None accepts nothing."""
+    if request.query_params.get("target_precision") == "none":
+        return None
+    return _number(request, "target_precision", TARGET_PRECISION)
+
+
+def _kept_precision(request: Request, site: Site, wanted: float | None) -> float | None:
+    """The precision that the site keeps if this one is wanted; RequestError if it is no share.
+
+    With ?strict=true also RequestError if the site has no threshold for the wanted one.
+    """
+    strict = request.query_params.get("strict", "false")
+    if strict not in ("true", "false"):
+        raise RequestError(400, f"strict={strict!r:.30}: expected true or false")
     try:
-        site.check(target_precision)
+        return site.kept_precision(wanted, strict == "true")
     except InputError as error:
         raise RequestError(400, str(error)) from None
-    return target_precision
 
 
 def _placement(request: Request, site: Site) -> Poses:

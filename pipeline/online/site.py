@@ -104,6 +104,9 @@ class Fix:
     """One minus the probability that the pose is right."""
     place_novelty: float
     """One minus the probability that the robot is within 15 m of the pose (in a level site 5 m)."""
+    target_precision: float | None
+    """The precision that `accepted` means for this fix: the wanted one, or the largest below it
+    that the site can keep; None if nothing is accepted."""
     accepted_at: float | None
     """The highest target precision at which this pose is accepted; None if there is none."""
     runners_up: tuple[RunnerUp, ...]
@@ -208,36 +211,35 @@ class Site:
         """The name, and what must be said of the site: simulated, not calibrated on this map."""
         return ", ".join((self.name, *notes(self.description)))
 
-    def check(self, target_precision: float | None) -> None:
-        """Raise InputError for a target precision that the site has no threshold for."""
-        if target_precision is not None and target_precision not in self.target_precisions:
-            possible = "nor for any other; choose none"
-            if self.target_precisions:
-                target_precisions = " and ".join(map(str, self.target_precisions))
-                possible = (
-                    f"it has thresholds for {target_precisions}; choose one of these, such as "
-                    f"--target-precision {min(self.target_precisions)}"
-                )
-            raise InputError(
-                f"target_precision={target_precision:g}: this site has no threshold for it; "
-                f"{possible}"
-            )
+    def kept_precision(self, target_precision: float | None, strict: bool = False) -> float | None:
+        """The precision that is kept if this one is wanted; None accepts nothing.
+
+        It is the largest up to it that the site has a threshold for. Raises InputError for one that
+        is not a share; if `strict`, for each that the site has no threshold for.
+        """
+        return self.description.verdict.kept_precision(target_precision, strict)
+
+    def kept_words(self, target_precision: float | None) -> str | None:
+        """A line that says which precision is kept instead of this one; None if this one is."""
+        return self.description.verdict.kept_words(target_precision)
 
     def localize(
         self,
         points_m: NDArray[np.floating],
         target_precision: float | None = 0.99,
         prior: Prior | None = None,
+        strict: bool = False,
     ) -> Fix:
         """Localise a scan's points (n, 3) in metres: x forward, y left, z up, ground at z = 0.
 
         Points that are not finite are dropped. The fix is accepted if it is right at
-        `target_precision`, a key of the attribute `target_precisions`; None accepts nothing. With a
-        prior, the pose is sought within it first; see `find`. Raises InputError for points of
-        another shape, or a target precision that the site has no threshold for.
+        `target_precision` or, if the site cannot keep that, at the largest precision below it that
+        it can (`Fix.target_precision`); None accepts nothing. With a prior, the pose is sought
+        within it first; see `find`. Raises InputError for points of another shape, for a target
+        precision that is not a share and, if `strict`, for one that the site has no threshold for.
         """
         start = time.perf_counter()
-        self.check(target_precision)
+        target_precision = self.kept_precision(target_precision, strict)
         query = self.single(points_m)
         fix = self.find(query, target_precision, prior)
         return replace(fix, ms=1e3 * (time.perf_counter() - start))
@@ -331,13 +333,13 @@ class Site:
         return self.judge(registered, target_precision)
 
     def judge(self, registered: AnyFix, target_precision: float | None) -> Fix:
-        """The fix of a registered scan, with its verdict at a target precision.
+        """The fix of a registered scan, with its verdict at a target precision that is kept.
 
         The hypotheses are in the order of their probabilities. The time `ms` is yet to be filled
         in.
         """
         if not registered.hypotheses:
-            return no_pose(registered.covariance)
+            return no_pose(registered.covariance, target_precision)
         # rounded like the error probabilities from which the thresholds were learned
         error_probabilities = (
             self.claim_judge.error_probabilities(registered).astype(np.float32).astype(np.float64)
@@ -363,6 +365,7 @@ class Site:
             overlap=registered.overlap,
             novelty=pose_error,
             place_novelty=place_error,
+            target_precision=target_precision,
             accepted_at=accepted_at,
             runners_up=tuple(runners_up),
             ms=0.0,
@@ -457,7 +460,7 @@ def _targets(
     return CutOuts(arrays, drawn, settings.grain_m, settings.range_m)
 
 
-def no_pose(covariance: NDArray[np.float64]) -> Fix:
+def no_pose(covariance: NDArray[np.float64], target_precision: float | None = None) -> Fix:
     """The fix of a scan without a pose; `covariance` (6, 6) is infinite or NaN."""
     return Fix(
         verdict="no pose",
@@ -467,6 +470,7 @@ def no_pose(covariance: NDArray[np.float64]) -> Fix:
         overlap=0.0,
         novelty=1.0,
         place_novelty=1.0,
+        target_precision=target_precision,
         accepted_at=None,
         runners_up=(),
         ms=0.0,

@@ -42,14 +42,18 @@ class Tracker:
     """
 
     def __init__(
-        self, site: Site, target_precision: float | None = 0.99, is_tracking: bool = True
+        self,
+        site: Site,
+        target_precision: float | None = 0.99,
+        is_tracking: bool = True,
+        strict: bool = False,
     ) -> None:
-        """Raises InputError for a target precision that the site has no threshold for; None accepts
-        nothing."""
-        site.check(target_precision)
+        """If the site cannot keep the target precision, fixes are accepted at the largest below it
+        that it can; None accepts nothing. Raises InputError for one that is not a share and, if
+        `strict`, for one that the site has no threshold for."""
         self.site = site
         self.is_tracking = is_tracking
-        self._target_precision = target_precision
+        self._target_precision = site.kept_precision(target_precision, strict)
         self.belief = Belief(site.description.verdict.unseen_share)
         self.steps = Counter[bool]()
         """The number of scans with odometry since the scan before (True), and without (False)."""

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core import store
-from pipeline.core.errors import ConfigError
+from pipeline.core.errors import ConfigError, InputError
 from pipeline.core.frames import Poses, yaw
 from pipeline.core.schemas import Fixes, Rankings
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Ranking
-from pipeline.posing.verdict import CLAIMS, TARGET_PRECISIONS, AnyFix, Judge, Verdict
+from pipeline.matching.rejection import ACCEPT_NOTHING
+from pipeline.posing.verdict import CLAIMS, AnyFix, Judge, Verdict
 
 OWN_KINDS = CLAIMS
 """The kinds of novelty that poses add: the error probability of each claim, such as "the pose is
@@ -128,14 +129,14 @@ class Posing:
     places: Places
     """The grid cells that training visited."""
     target_precision: float
-    """The precision of the accepted poses: one of TARGET_PRECISIONS."""
+    """The wanted precision of the accepted poses; the largest below it that the verdict can keep
+    is used if it cannot be kept."""
 
     def __post_init__(self) -> None:
-        if self.target_precision not in TARGET_PRECISIONS:
-            raise ConfigError(
-                f"target_precision={self.target_precision}: expected one of "
-                f"{', '.join(map(str, TARGET_PRECISIONS))}"
-            )
+        try:
+            self.verdict.kept_precision(self.target_precision)
+        except InputError as error:
+            raise ConfigError(str(error)) from None
 
     def write(self, path: Path, rankings: Rankings, queries: Sequence[PosedQuery]) -> str:
         """Write the ranking with the poses of its queries (q,), in all its cases, to a path.
@@ -143,20 +144,20 @@ class Posing:
         Returns a one-line summary.
         """
         answered = posed(rankings.ranking(), queries, self.places)
-        precision_number = TARGET_PRECISIONS.index(self.target_precision)
         thresholds = dict(zip(rankings.kinds, rankings.thresholds, strict=True))
         claim_thresholds = self.verdict.claim_thresholds
-        thresholds |= {claim: claim_thresholds[claim][precision_number] for claim in CLAIMS}
+        kept = self.verdict.kept_precision(self.target_precision)
+        thresholds |= dict(zip(CLAIMS, self._claim_thresholds(kept), strict=True))
         artifact = Fixes(
             **vars(answered),
             turned_deg=rankings.turned_deg,
             cases=rankings.cases,
             thresholds=tuple(thresholds[kind] for kind in answered.kinds),
-            target_precision=self.target_precision,
+            target_precision=self.target_precision if kept is None else kept,
             world_T_query=np.array([query.pose for query in queries]).reshape(-1, 4, 4),
             covariance=np.array([query.covariance for query in queries]).reshape(-1, 6, 6),
             overlap=np.array([query.overlap for query in queries], np.float32),
-            target_precisions=TARGET_PRECISIONS,
+            target_precisions=self.verdict.target_precisions,
             pose_thresholds=claim_thresholds["fix"],
             place_thresholds=claim_thresholds["place"],
             several_thresholds=claim_thresholds["several"],
@@ -164,29 +165,28 @@ class Posing:
             right_within=self.right_within,
         )
         store.write(path, artifact)
-        return f"{path.stem}: {self._summary(answered, queries, precision_number)}"
+        return f"{path.stem}: {self._summary(answered, queries, kept)}"
+
+    def _claim_thresholds(self, kept: float | None) -> tuple[float, ...]:
+        """The thresholds (claim,) of CLAIMS at the kept precision; None accepts nothing."""
+        return (ACCEPT_NOTHING,) * len(CLAIMS) if kept is None else self.verdict.thresholds[kept]
 
     def _summary(
         self,
         answered: Ranking,
         queries: Sequence[PosedQuery],
-        precision_number: int,
+        kept: float | None,
     ) -> str:
         """A line on how many queries have a pose, and for how many each claim is accepted.
 
-        Claims are accepted at the target precision or, if that cannot be reached, at the highest
-        one below it that can be.
+        Claims are accepted at the `kept` precision, None if there is none.
         """
         pose_count = sum(len(query.world_T_query) > 0 for query in queries)
-        met_precisions = [
-            i for i in range(precision_number + 1) if self.verdict.claim_thresholds["fix"][i] > 0
-        ]
-        if not met_precisions:
+        if kept is None:
             return (
                 f"{pose_count} poses of {len(queries)} queries; no target precision can be reached"
             )
-        number = met_precisions[-1]
-        claim_thresholds = [self.verdict.claim_thresholds[claim][number] for claim in CLAIMS]
+        claim_thresholds = self._claim_thresholds(kept)
         is_accepted = (
             answered.novelty[:, : len(CLAIMS)].astype(float) < claim_thresholds
         )  # (q, claim)
@@ -195,6 +195,6 @@ class Posing:
         accepted, near, ambiguous = (int((strongest == i).sum()) for i in range(len(CLAIMS)))
         return (
             f"{pose_count} poses of {len(queries)} queries; at a target precision of "
-            f"{TARGET_PRECISIONS[number]} {accepted} are accepted, {near} more are near, "
+            f"{kept} {accepted} are accepted, {near} more are near, "
             f"{ambiguous} more are one of several"
         )

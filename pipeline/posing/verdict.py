@@ -18,21 +18,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
+from pipeline.core.errors import InputError
 from pipeline.core.frames import RIGHT_WITHIN, Poses, distance_and_turn
-from pipeline.matching.rejection import threshold_for
+from pipeline.core.precisions import kept_precision, kept_words
+from pipeline.matching.rejection import ACCEPT_NOTHING, threshold_for
 from pipeline.posing import probabilities
 from pipeline.posing.expectations import Expectations
 from pipeline.posing.fix import Registered
 from pipeline.posing.probabilities import HypothesisModel, learned
 
-TARGET_PRECISIONS = (0.95, 0.99, 0.999)
-"""The target precisions: shares of right fixes among the accepted fixes."""
+TARGET_PRECISIONS = (0.9, 0.95, 0.97, 0.98, 0.985, 0.99, 0.995, 0.999)
+"""The target precisions, ascending: shares of right fixes among the accepted fixes."""
 SEVERAL = 3
 """Largest number of poses that are reported if no single pose is accepted: the likeliest pose, and
 the first runners-up elsewhere (`Registered.elsewhere`)."""
 CLAIMS = ("fix", "place", "several")
 """The claims about a query, the strongest first: its likeliest pose is right; it is near this pose;
 one of SEVERAL poses is right."""
+LARGEST_ERROR_PROBABILITY = 0.5
+"""No claim that is more likely wrong than right is accepted, at any target precision."""
 LEAST_ERROR_PROBABILITY = 1e-9
 """Error probabilities are clipped to this and one minus this before their log-odds are taken."""
 AnyFix = Registered[Any]
@@ -156,6 +160,32 @@ class Verdict:
             if thresholds[0] > 0
         }
 
+    def kept_precision(self, wanted: float | None, strict: bool = False) -> float | None:
+        """The precision that `accepted` means if a precision is wanted; None accepts nothing.
+
+        It is the largest reachable one up to the wanted one (`core.precisions`). Raises InputError
+        for a wanted precision that is not a share; if `strict`, for each that is not reachable.
+        """
+        kept = kept_precision(self.reachable, wanted)
+        if strict and wanted is not None and kept != wanted:
+            possible = "nor for any other; choose none"
+            if self.reachable:
+                possible = (
+                    f"it has thresholds for {', '.join(map(str, self.reachable))}; choose one of "
+                    f"these, such as --target-precision {kept}"
+                )
+            raise InputError(
+                f"target_precision={wanted:g}: this site has no threshold for it; {possible}"
+            )
+        return kept
+
+    def kept_words(self, wanted: float | None) -> str | None:
+        """A line that says what is kept instead of a wanted precision; None if that is kept."""
+        why = f"its {self.validation_blocks} validation blocks are too few, or too often wrong"
+        if not self.validation_blocks:
+            why = "it has no validation blocks"
+        return kept_words("this site", self.reachable, wanted, why)
+
 
 @dataclass(frozen=True)
 class FixEvidence(Generic[FixT_co]):
@@ -247,8 +277,9 @@ class FixEvidence(Generic[FixT_co]):
            nothing.
         2. Move the threshold to the middle, in log-odds, of the gap to the next larger error
            probability among the queries, which would miss the target precision.
-        3. Limit it to `largest_multiple` times one minus the target precision: if claims of much
-           larger error probabilities are accepted, a later day may miss the target precision.
+        3. Limit it to `largest_multiple` times one minus the target precision, and to
+           LARGEST_ERROR_PROBABILITY: if claims of much larger error probabilities are accepted, a
+           later day may miss the target precision.
         """
         error_probabilities, is_true = self.judged(judge)
         weight = self.weight(unseen_share)
@@ -260,12 +291,15 @@ class FixEvidence(Generic[FixT_co]):
                 threshold_for(target_precision, of_claim, is_true_of_claim, weight, 1.0)
                 for target_precision in TARGET_PRECISIONS
             ]
-            thresholds[claim] = tuple(
-                min(
-                    middle(of_claim, edge),
-                    judge.tolerances.largest_multiple * (1 - target_precision),
-                )
-                for target_precision, edge in zip(TARGET_PRECISIONS, edges, strict=True)
+            thresholds[claim] = never_above_lower(
+                [
+                    min(
+                        middle(of_claim, edge),
+                        judge.tolerances.largest_multiple * (1 - target_precision),
+                        LARGEST_ERROR_PROBABILITY,
+                    )
+                    for target_precision, edge in zip(TARGET_PRECISIONS, edges, strict=True)
+                ]
             )
         return thresholds
 
@@ -276,6 +310,25 @@ class FixEvidence(Generic[FixT_co]):
         return Verdict(
             judge.pose, judge.place, TARGET_PRECISIONS, thresholds, self.blocks, unseen_share
         )
+
+
+def usual_thresholds(measured: Mapping[float, float]) -> tuple[float, ...]:
+    """The threshold of each of TARGET_PRECISIONS, from those of the measured target precisions.
+
+    A target precision that was not measured has the threshold of the least measured one above it,
+    which promises more; if there is none, it accepts nothing.
+    """
+    thresholds = []
+    for target_precision in TARGET_PRECISIONS:
+        measured_above = [precision for precision in measured if precision >= target_precision]
+        threshold = measured[min(measured_above)] if measured_above else ACCEPT_NOTHING
+        thresholds.append(threshold)
+    return tuple(thresholds)
+
+
+def never_above_lower(thresholds: Sequence[float]) -> tuple[float, ...]:
+    """Thresholds of ascending target precisions, none of them above that of a lower one."""
+    return tuple(np.minimum.accumulate(thresholds).tolist())
 
 
 def tested(
@@ -309,7 +362,7 @@ def tested(
                 weight[accepted],
             )
             thresholds_of_claim.append(usual_threshold if is_reached else lower)
-        thresholds[claim] = tuple(thresholds_of_claim)
+        thresholds[claim] = never_above_lower(thresholds_of_claim)
     return thresholds
 
 

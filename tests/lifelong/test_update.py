@@ -3,6 +3,7 @@
 The updated site is written whole or not at all.
 """
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from pipeline.online.description import describe
 from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.pack import learned_from
 from pipeline.online.site import Site
+from pipeline.posing.verdict import CLAIMS
 from pipeline.views.scan_context import ScanContext
 from tests.online.made import ANCHORS, arrays, described, packed
 from tests.posing.scene import planar, scene, seen_from
@@ -112,11 +114,13 @@ def test_without_a_file_nothing_is_written(
     before = site.read_bytes()
     log = drive(tmp_path / "wednesday", dict.fromkeys([0.0, 1.0], scene(0)))
     with pytest.raises(SystemExit):
-        main(["update", str(site), log, "--target-precision", "0.999"])
+        main(["update", str(site), log, "--target-precision", "0.999", "--strict"])
     assert (
-        "target_precision=0.999: this site has no threshold for it; it has thresholds for 0.95 and 0.99"
+        "target_precision=0.999: this site has no threshold for it; it has thresholds for 0.95, 0.99"
         in capsys.readouterr().err
     )
+    main(["update", str(site), log, "--target-precision", "0.999"])
+    assert "this site can keep .99, not .999: accepted means .99" in capsys.readouterr().err
     main(["update", str(site), log])
     reported = capsys.readouterr()
     assert "2 of 2 scans pseudo-labelled; 0 new places beside 3" in reported.out
@@ -160,8 +164,12 @@ def test_scans_that_lie_in_no_place_are_not_learned(site: Path) -> None:
         match="nothing to learn of 3 scans: those pseudo-labelled lie in no place",
     ):
         planned(opened, away)
+    keeps_nothing = replace(
+        opened.description.verdict, claim_thresholds=dict.fromkeys(CLAIMS, (-1.0, -1.0, -1.0))
+    )
+    opened.description = replace(opened.description, verdict=keeps_nothing)
     with pytest.raises(
-        NoPseudoLabelsError, match="nothing to learn of 0 scans: the site has no threshold"
+        NoPseudoLabelsError, match="nothing to learn of 0 scans: the site can keep no target"
     ):
         from_site(opened, [], 0.999)
 

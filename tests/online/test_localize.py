@@ -71,6 +71,20 @@ def test_a_fix_is_printed_as_a_line_or_as_json(localize: Command, tmp_path: Path
     assert np.array(found["covariance"]).shape == (6, 6)
 
 
+def test_what_is_kept_instead_of_the_wanted_precision_is_said_once_and_stands_in_each_fix(
+    localize: Command, tmp_path: Path
+) -> None:
+    for name in ("1.bin", "2.bin"):
+        floats(tmp_path, name)
+    lines, reported = localize.run(tmp_path, "--json", "--target-precision", 0.999)
+    fixes = [json.loads(line) for line in lines.splitlines()]
+    assert [(fix["verdict"], fix["target_precision"]) for fix in fixes] == 2 * [("accepted", 0.99)]
+    words = "this site can keep .99, not .999: accepted means .99 (--strict refuses instead)"
+    assert reported.count(words) == 1
+    _, reported = localize.run(tmp_path, "--json", "--strict")
+    assert "can keep" not in reported
+
+
 def test_scan_files_of_every_format_are_read(localize: Command, tmp_path: Path) -> None:
     points_m, _ = scan()
     np.save(tmp_path / "1.npy", points_m.astype(np.float32))
@@ -291,8 +305,12 @@ def test_level_scans_of_other_places_do_not_lean() -> None:
         (["none"], "none: no such file or folder"),
         (["."], "no scan there"),
         (
-            ["1.bin", "--target-precision", "0.5"],
-            "target_precision=0.5: this site has no threshold for it; it has thresholds for 0.95 and 0.99",
+            ["1.bin", "--target-precision", "0.999", "--strict"],
+            "target_precision=0.999: this site has no threshold for it; it has thresholds for 0.95, 0.99",
+        ),
+        (
+            ["1.bin", "--target-precision", "99"],
+            "target_precision=99: expected a share above 0 and at most 1, such as 0.99",
         ),
         (["1.bin", "-o", "nowhere/x.csv"], "nowhere/x.csv: no folder nowhere"),
         (["1.bin", "-o", "empty"], "empty: is a folder, expected a file"),

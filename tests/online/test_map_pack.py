@@ -21,7 +21,7 @@ from pipeline.online.map_pack import (
     parts_of_points,
 )
 from pipeline.online.site import Site
-from pipeline.posing.map_verdict import USUAL_THRESHOLDS, usual_verdict
+from pipeline.posing.map_verdict import usual_verdict
 from tests.commands import Command
 from tests.mapping.town import scan, town
 from tests.posing.scene import planar
@@ -83,11 +83,15 @@ def test_a_scan_with_other_axes_than_the_map_is_not_accepted(site: Site, turn: s
 def test_the_verdict_is_the_usual_one_and_says_nothing_of_999(site: Site) -> None:
     assert "not calibrated on this map" in site.title
     # A claim is accepted at .95 if its error probability is below .05, at .99 below .01.
-    assert USUAL_THRESHOLDS["fix"][:2] == (0.05, 0.01)
-    assert usual_verdict().reachable == (0.95, 0.99)
-    assert tuple(site.target_precisions) == (0.95, 0.99)
+    # Between them, and below .95, the threshold is that of the next of the two.
+    assert usual_verdict().thresholds == site.target_precisions
+    assert {precision: pose for precision, (pose, *_) in site.target_precisions.items()} == {
+        **dict.fromkeys((0.9, 0.95), 0.05),
+        **dict.fromkeys((0.97, 0.98, 0.985, 0.99), 0.01),
+    }
+    assert site.kept_words(0.999) == "this site can keep .99, not .999: accepted means .99"
     with pytest.raises(InputError, match=r"target_precision=0\.999: this site has no threshold"):
-        site.localize(scan(MAP_M, POSES[0]), 0.999)
+        site.localize(scan(MAP_M, POSES[0]), 0.999, strict=True)
 
 
 def test_a_site_file_gives_the_same_answers_as_its_points(site: Site, packed: Path) -> None:
@@ -292,7 +296,7 @@ def test_pack_says_what_it_found_and_localize_uses_it(yearloc: Command, tmp_path
         *("pack", "--map", tmp_path / "tiles", "--map", tmp_path / "east.pcd", "-o", out),
         *("--like", like, "--cell", 0.5, "--origin", "100,100,0"),
     )
-    assert "target precisions 0.95, 0.99 by the usual probabilities" in said
+    assert "target precisions 0.9, 0.95, 0.97, 0.98, 0.985, 0.99 by the usual probabilities" in said
     assert Site.open(out).description.map.voxel_m == 0.5
     query = write(tmp_path / "0.pcd", scan(MAP_M, POSES[1]))
     answer, _ = yearloc.run("localize", out, query, "--json")

@@ -57,11 +57,11 @@ def test_a_drive_calibrates_a_map_and_what_it_cannot_teach_stays_usual(
     out = tmp_path / "calibrated.site"
     said, _ = yearloc.run("calibrate", packed, log, "--poses", poses, "-o", out)
     assert "5 of 5 scans with a reference pose have a right fix; 5 validation blocks" in said
-    assert "learned: none; by the usual probabilities: 0.95, 0.99" in said
+    assert "learned: none; by the usual probabilities: 0.9, 0.95, 0.97, 0.98, 0.985, 0.99" in said
     description = site_file.read(out).description
     assert description.verdict.validation_blocks == 5
     assert description.provenance.calibrated_on == "monday"
-    assert description.verdict.usual == (0.95, 0.99)
+    assert description.verdict.usual == (0.9, 0.95, 0.97, 0.98, 0.985, 0.99)
     assert "not calibrated on this map" in Site.open(out).title
 
 

@@ -81,7 +81,9 @@ def test_a_packed_site_localises_a_scan(project: Path, tmp_path: Path) -> None:
     with one_line(
         InputError, "target_precision=0.99: this site has no threshold for it; nor for any other"
     ):
-        site.localize(points_m)
+        site.localize(points_m, strict=True)
+    unaccepted = site.localize(points_m)
+    assert (unaccepted.verdict, unaccepted.target_precision) == ("rejected", None)
     fix = site.localize(points_m, None)
     np.testing.assert_allclose(fix.world_T_sensor, world_T_robot, atol=0.1)
     assert site.description.reader["_target_"] == "pipeline.readers.folder.Folder"

@@ -120,14 +120,18 @@ def test_a_body_that_is_no_scan_is_refused_in_a_line(
     [
         ({"target_precision": "often"}, "target_precision='often': expected a number"),
         (
-            {"target_precision": 0.5},
-            "target_precision=0.5: this site has no threshold for it; it has thresholds for 0.95 and 0.99",
+            {"target_precision": 50},
+            "target_precision=50: expected a share above 0 and at most 1, such as 0.99",
         ),
         (
-            {"target_precision": 0.999},
-            "target_precision=0.999: this site has no threshold for it; it has thresholds for 0.95 and 0.99",
+            {"target_precision": 0.999, "strict": "true"},
+            "target_precision=0.999: this site has no threshold for it; it has thresholds for 0.95, 0.99",
         ),
-        ({"lift": 1.3}, "?lift: no such option; expected target_precision, lift_m or body_T_lidar"),
+        ({"strict": "yes"}, "strict='yes': expected true or false"),
+        (
+            {"lift": 1.3},
+            "?lift: no such option; expected target_precision, strict, lift_m or body_T_lidar",
+        ),
         ({"body_T_lidar": "0,0,x"}, "body_T_lidar=0,0,x: expected x,y,z,roll,pitch,yaw in metres"),
         ({"body_T_lidar": "0,0,1,0,0,0", "lift_m": 1}, "lift_m: not with body_T_lidar"),
         ({"lift_m": "nan"}, "lift_m='nan': expected a number"),
@@ -139,6 +143,14 @@ def test_a_wrong_option_is_refused_in_a_line(
     answer = server.ask(bytes(12), **options)
     assert answer.status_code == 400
     assert says in answer.json()["error"]
+
+
+def test_asked_for_more_than_it_keeps_it_says_so_in_its_answer(server: Server) -> None:
+    answer = server.ask(floats(), target_precision=0.999).json()
+    assert (answer["verdict"], answer["target_precision"]) == ("accepted", 0.99)
+    assert answer["notice"] == "this site can keep .99, not .999: accepted means .99"
+    answer = server.ask(floats(), strict="true").json()
+    assert (answer["target_precision"], answer["notice"]) == (0.99, None)
 
 
 def test_by_default_it_is_reached_from_this_machine_only(server: Server) -> None:

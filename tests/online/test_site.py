@@ -93,15 +93,33 @@ def test_an_array_that_is_no_cloud_is_refused(three: Site, points_m: Any) -> Non
         three.localize(points_m)
 
 
-def test_a_target_precision_without_a_threshold_is_refused(three: Site) -> None:
+def test_asked_for_more_than_it_keeps_a_site_keeps_what_it_can(three: Site) -> None:
+    """The site file names its own target precisions, as those of earlier versions do: .99 is the
+    most that it keeps."""
+    points_m, _ = scan()
+    for wanted, kept in ((0.999, 0.99), (0.99, 0.99), (0.975, 0.95), (0.5, 0.95)):
+        for fix in (three.localize(points_m, wanted), Tracker(three, wanted).localize(points_m)):
+            assert (fix.verdict, fix.target_precision) == ("accepted", kept)
+    assert three.localize(np.zeros((0, 3)), 0.999).target_precision == 0.99  # no pose
+    unaccepted = three.localize(points_m, target_precision=None)
+    assert (unaccepted.verdict, unaccepted.target_precision) == ("rejected", None)
+
+
+def test_a_strict_caller_is_refused_a_target_precision_without_a_threshold(three: Site) -> None:
     with one_line(
         InputError,
-        "target_precision=0.5: this site has no threshold for it; it has thresholds for 0.95 and 0.99",
+        "target_precision=0.5: this site has no threshold for it; it has thresholds for 0.95, 0.99",
     ):
-        three.localize(scan()[0], target_precision=0.5)
+        three.localize(scan()[0], target_precision=0.5, strict=True)
     with one_line(InputError, "target_precision=0.999: this site has no threshold for it"):
-        Tracker(three, target_precision=0.999)
-    assert three.localize(scan()[0], target_precision=None).verdict == "rejected"
+        Tracker(three, target_precision=0.999, strict=True)
+    assert three.localize(scan()[0], 0.95, strict=True).target_precision == 0.95
+
+
+def test_a_target_precision_that_is_no_share_is_refused(three: Site) -> None:
+    for no_share in (99, -0.9):
+        with one_line(InputError, "expected a share above 0 and at most 1, such as 0.99"):
+            three.localize(scan()[0], target_precision=no_share)
 
 
 def test_the_same_site_has_the_same_bytes(three_places: Path, tmp_path: Path) -> None:

@@ -4,10 +4,20 @@ the thresholds that reach a target precision."""
 import numpy as np
 import pytest
 
+from pipeline.core.errors import InputError
 from pipeline.matching.rejection import ACCEPT_NOTHING
 from pipeline.posing.fix import ScanFix
-from pipeline.posing.verdict import CLAIMS, OF_SCANS, TARGET_PRECISIONS, FixEvidence, Judge, middle
+from pipeline.posing.verdict import (
+    CLAIMS,
+    OF_SCANS,
+    TARGET_PRECISIONS,
+    FixEvidence,
+    Judge,
+    middle,
+    usual_thresholds,
+)
 from tests.posing.scene import OVERLAPS, hypothesis, planar
+from tests.readers.damage import one_line
 
 
 def test_the_error_probabilities_of_the_three_claims() -> None:
@@ -64,23 +74,33 @@ def test_right_and_near_are_judged_separately() -> None:
 
 
 def test_a_target_precision_is_reached_only_if_one_more_wrong_block_would_not_break_it() -> None:
-    """The share .8 of the blocks is seen. With 200 blocks, 160 accepted queries reach .99 (159
-    right ones of 160 would), but not .999. With 100 blocks, 80 reach only .95."""
-    many, few = (evidence(blocks).verdict(0.2) for blocks in (200, 100))
-    assert many.reachable == (0.95, 0.99)
-    assert few.reachable == (0.95,)
+    """The share .8 of the blocks is seen. With 200 blocks, 160 accepted queries reach .99 (160 of
+    161 would be .9938), but not .995. With 100 blocks, 80 reach .985 (80 of 81 would be .9877), not
+    .99; with 15, 12 reach .9 (12 of 13 would be .923)."""
+    many, some, few = (evidence(blocks).verdict(0.2) for blocks in (200, 100, 15))
+    assert many.reachable == (0.9, 0.95, 0.97, 0.98, 0.985, 0.99)
+    assert some.reachable == (0.9, 0.95, 0.97, 0.98, 0.985)
+    assert few.reachable == (0.9,)
     assert few.claim_thresholds["fix"][1] == ACCEPT_NOTHING
-    assert few.thresholds == {0.95: tuple(few.claim_thresholds[claim][0] for claim in CLAIMS)}
+    assert few.thresholds == {0.9: tuple(few.claim_thresholds[claim][0] for claim in CLAIMS)}
+
+
+def test_more_precision_never_accepts_more() -> None:
+    for wrong in (0, 5, 20, 60):
+        for thresholds in evidence(200, wrong).verdict(0.2).claim_thresholds.values():
+            assert (np.diff(thresholds) <= 0).all()
 
 
 def test_wrong_fixes_among_the_accepted_break_a_target_precision() -> None:
-    """20 of 200 unseen queries look right and count .2 each: 4 wrong of 164 reach .95, not .99."""
-    assert evidence(200, wrong=20).verdict(0.2).reachable == (0.95,)
+    """20 of 200 unseen queries look right and count .2 each: with 4 wrong of 164 and one more, .9697
+    are right. A threshold that leaves some of the 164 out reaches .97, none reaches .98."""
+    assert evidence(200, wrong=20).verdict(0.2).reachable == (0.9, 0.95, 0.97)
 
 
 def test_no_fix_is_accepted_at_many_times_the_error_of_the_target_precision() -> None:
     """All are right, even those of little overlap, so no threshold misses a target precision: .95
-    allows an error probability of a half, .99 of a tenth."""
+    allows an error probability of a half, .99 of a tenth; .9 would allow 1, but half is the most.
+    """
     fixes = [
         ScanFix.of([hypothesis(0, overlap)], OVERLAPS) for overlap in np.linspace(0.3, 0.9, 2000)
     ]
@@ -88,7 +108,7 @@ def test_no_fix_is_accepted_at_many_times_the_error_of_the_target_precision() ->
         fixes, np.tile(np.eye(4), (2000, 1, 1)), np.zeros(2000, bool), np.arange(2000)
     )
     thresholds = sure.thresholds(Judge(OVERLAPS, OVERLAPS), 0.2)
-    assert thresholds["fix"] == pytest.approx([0.5, 0.1, 0.01])
+    assert thresholds["fix"] == pytest.approx([0.5, 0.5, 0.3, 0.2, 0.15, 0.1, 0.05, 0.01])
 
 
 def test_a_threshold_lies_in_the_middle_of_a_gap() -> None:
@@ -96,6 +116,44 @@ def test_a_threshold_lies_in_the_middle_of_a_gap() -> None:
     assert middle(np.array([0.05, 0.1, 0.9]), 0.11) == pytest.approx(0.5)
     assert middle(np.array([0.05, 0.1]), 0.11) == 0.11  # beyond all there is no gap
     assert middle(np.array([0.5]), ACCEPT_NOTHING) == ACCEPT_NOTHING
+
+
+def test_the_usual_threshold_is_that_of_the_least_measured_precision_above() -> None:
+    assert usual_thresholds({0.95: 0.25, 0.99: 0.05}) == (
+        *(0.25, 0.25),  # .9 and .95
+        *(0.05, 0.05, 0.05, 0.05),  # .97, .98, .985 and .99
+        *(ACCEPT_NOTHING, ACCEPT_NOTHING),
+    )
+
+
+def test_asked_for_more_than_it_keeps_a_verdict_keeps_the_largest_below() -> None:
+    """80 accepted queries reach .985, not .99."""
+    verdict = evidence(100).verdict(0.2)
+    assert [verdict.kept_precision(wanted) for wanted in (0.999, 0.99, 0.985, 0.975, 0.9)] == [
+        *(0.985, 0.985, 0.985),
+        *(0.97, 0.9),
+    ]
+    assert verdict.kept_precision(0.5) == 0.9  # which promises more
+    assert verdict.kept_precision(None) is None
+    assert verdict.kept_words(0.99) == "this site can keep .985, not .99: accepted means .985"
+    assert verdict.kept_words(0.985) is None
+    with one_line(InputError, "target_precision=0.99: this site has no threshold for it"):
+        verdict.kept_precision(0.99, strict=True)
+    for no_share in (0.0, 1.5, np.nan):
+        with one_line(InputError, "expected a share above 0 and at most 1"):
+            verdict.kept_precision(no_share)
+
+
+def test_a_verdict_that_keeps_nothing_says_why() -> None:
+    """5 blocks, 4 of them seen, do not even reach .9, which takes 9."""
+    verdict = evidence(5).verdict(0.2)
+    assert verdict.kept_precision(0.99) is None
+    assert verdict.kept_words(0.99) == (
+        "this site can keep no target precision: nothing is accepted (its 5 validation blocks are "
+        "too few, or too often wrong)"
+    )
+    with one_line(InputError, "no threshold for it; nor for any other; choose none"):
+        verdict.kept_precision(0.99, strict=True)
 
 
 def test_without_evidence_nothing_is_accepted() -> None:
