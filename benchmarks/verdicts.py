@@ -4,9 +4,11 @@
 built. It prints for each day how many of the seen queries (training within 5 m) have a right pose
 (2 m and 5°); the calibration error of the probability over ten bins of equally many poses; and the
 coverage, the share of all queries that could be accepted at a precision by a threshold chosen
-afterwards. Then follows a row for each target precision: the accepted share of the right poses; the
-wrong poses of the accepted ones, with an exact 95 % interval; and how many queries are called near
-(within 15 m) or ambiguous, with how many of the near ones are right.
+afterwards; and of the poses accepted at .99, how many have the true pose within the ellipsoids of
+50, 90 and 95 % of their covariance, in six dimensions and in x and y. Then follows a row for each
+target precision: the accepted share of the right poses; the wrong poses of the accepted ones, with
+an exact 95 % interval; and how many queries are called near (within 15 m) or ambiguous, with how
+many of the near ones are right.
 
 With the file of a packed SITE it localises every twentieth query: CPU time of one thread from
 points to fix, drawing and ranking included.
@@ -25,14 +27,18 @@ from numpy.typing import NDArray
 from scipy.stats import beta
 
 from pipeline.core import schemas, store
+from pipeline.evaluation.evaluations import ELLIPSOIDS
 from pipeline.mapping.gathering import submap_points
 from pipeline.online.site import Site
+from pipeline.posing.covariances import largest_squares, normalised_squares, pose_errors
 from pipeline.posing.learned_verdict import VERDICT
 from pipeline.posing.verdict import CLAIMS, OF_SCANS, TARGET_PRECISIONS
 
 SEEN_M = 5.0
 EVERY = 20
 BINS = 10
+X_Y = slice(3, 5)
+"""x and y among the six dimensions of a covariance."""
 
 
 def interval(wrong: int, accepted: int) -> tuple[float, float]:
@@ -59,6 +65,13 @@ def coverage(error: NDArray[np.float64], good: NDArray[np.bool_], precision: flo
     return float(kept.max(initial=-1) + 1) / max(len(good), 1)
 
 
+def ellipsoids(errors: NDArray[np.float64], covariances: NDArray[np.float64]) -> str:
+    """The shares of errors (n, d) within the ellipsoids of ELLIPSOIDS of covariances (n, d, d)."""
+    squares = normalised_squares(errors, covariances)
+    largest_of_each = largest_squares(ELLIPSOIDS, errors.shape[1])
+    return " ".join(f"{(squares < largest).mean():.3f}" for largest in largest_of_each)
+
+
 def day(
     fixes: schemas.Fixes, world_T_true: NDArray[np.float64], world_T_anchor: NDArray[np.float64]
 ) -> list[str]:
@@ -81,6 +94,13 @@ def day(
         f"error {calibration_error:.3f}",
         f"  of all queries, in hindsight, by the error probability alone: {covered}",
     ]
+    accepted = errors[:, 0] < fixes.reject_from()
+    if accepted.any():
+        off = pose_errors(world_T_query[accepted], world_T_true[accepted])
+        covariances = fixes.load("covariance")[:n][accepted]
+        in_six = ellipsoids(off, covariances)
+        in_xy = ellipsoids(off[:, X_Y], covariances[:, X_Y, X_Y])
+        rows.append(f"  within the ellipsoids of .5, .9, .95: {in_six}; of x and y: {in_xy}")
     thresholds = zip(
         *(fixes.pose_thresholds, fixes.place_thresholds, fixes.several_thresholds),
         strict=True,

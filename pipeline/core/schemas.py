@@ -485,7 +485,8 @@ class Fixes(SequenceRanking, kind="fixes", version=6):
         Array(
             ("query", "turn_step_row", "turn_step_col"),
             "covariance of the pose's error in six numbers: a turn about x, y and z in radians, "
-            "then a step along x, y and z in metres; NaN along a path",
+            "then a step along x, y and z in metres; calibrated on validation blocks, of level "
+            "sweeps not; NaN along a path",
         ),
     ]
     overlap: Annotated[
@@ -622,7 +623,7 @@ class TiledMaps(Artifact, kind="tiled_map", version=1):
 
 
 @dataclass(frozen=True, eq=False)
-class Verdicts(Artifact, kind="verdict", version=2):
+class Verdicts(Artifact, kind="verdict", version=3):
     """When to accept a pose, as learned from validation blocks of the training day."""
 
     pose_weights: Annotated[
@@ -643,6 +644,21 @@ class Verdicts(Artifact, kind="verdict", version=2):
             ("right_fix", "scan_feature"),
             "features of a right fix, with which those of a query are compared",
         ),
+    ]
+    covariance_typical: Annotated[
+        NDArray[np.float64],
+        Array(
+            ("covariance_group",),
+            "typical deviation of a registration, before it is calibrated: tilt and turn in "
+            "radians, step along x or y and step along z in metres; none for level sweeps",
+        ),
+    ]
+    covariance_scales: Annotated[
+        NDArray[np.float64],
+        Array(("covariance_group",), "factor on these deviations"),
+    ]
+    covariance_power: Annotated[
+        float, "power of a registration's covariance, in units of the typical deviations"
     ]
     pose_offset: Annotated[float, "log odds that a pose is right where all features are 0"]
     place_offset: Annotated[float, "log odds that a pose is near where all features are 0"]

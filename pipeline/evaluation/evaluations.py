@@ -17,18 +17,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ArtifactError
+from pipeline.core.frames import LEVEL_RIGHT_WITHIN
 from pipeline.core.schemas import JUDGED_PRECISION, Cases
 from pipeline.core.store import Array, Artifact, Stack
 from pipeline.evaluation.bootstrap import Estimate, blocks
 from pipeline.evaluation.caveats import CAVEATS, DEGENERATE, caveats
 from pipeline.evaluation.counts import ExactCounts
-from pipeline.evaluation.numbers import MEASURES, NUMBERS, curve, within
+from pipeline.evaluation.numbers import MEASURES, NUMBERS, average, curve, within
 from pipeline.evaluation.protocols import PROTOCOLS, GroundTruth
+from pipeline.posing.covariances import largest_squares
 
 TRUE_POSITIVE, FALSE_NEGATIVE, FALSE_POSITIVE, TRUE_NEGATIVE, NOT_JUDGED = range(5)
 """Outcomes of a query."""
 VERDICTS = ("accepted", "near", "ambiguous", "rejected", "no_pose")
 """The answers to a query of a method with poses, as a site gives them (METHODS 9.5)."""
+ELLIPSOIDS = (0.5, 0.9, 0.95)
+"""The ellipsoids of a pose's covariance that should hold these shares of the true poses."""
 WEAKER_VERDICTS = {"place": "near", "several": "ambiguous"}
 """Kind of novelty to the verdict if that novelty is accepted though the pose is not.
 
@@ -158,6 +162,14 @@ class Evaluation:
             ("query",), "turn of the pose against the true one; NaN if there is none", unit="degree"
         ),
     ]
+    pose_square: Annotated[
+        NDArray[np.float64],
+        Array(
+            ("query",),
+            "squared error of the pose, normalised by its covariance, in six dimensions, of level "
+            "sweeps in x, y and heading; NaN if there is none",
+        ),
+    ]
     kinds: Annotated[tuple[str, ...], "name of each kind of novelty"]
     reject_from: Annotated[tuple[float, ...], "novelty from which the model rejects, for each kind"]
     reject_pose_from: Annotated[
@@ -205,6 +217,11 @@ class Evaluation:
     def has_poses(self) -> bool:
         """Whether the method estimates poses; if so, poses are accepted or rejected, not places."""
         return not np.isnan(self.reject_pose_from)
+
+    @property
+    def is_level(self) -> bool:
+        """Whether the poses are of level sweeps."""
+        return self.right_within == LEVEL_RIGHT_WITHIN
 
     @property
     def pose_accepted(self) -> NDArray[np.bool_]:
@@ -268,6 +285,19 @@ class Evaluation:
         """The probability (q,) that the pose is right, as the method estimates it."""
         return 1 - self.novelty[:, 0].astype(np.float64)
 
+    @property
+    def in_ellipsoids(self) -> dict[str, float]:
+        """The share of the accepted poses whose ellipsoid of a share of ELLIPSOIDS has the truth.
+
+        NaN without an accepted pose that has a covariance.
+        """
+        squares = self.pose_square[self.pose_accepted & np.isfinite(self.pose_square)]
+        largest_of_each = largest_squares(ELLIPSOIDS, 3 if self.is_level else 6)
+        return {
+            f"in_ellipsoid_{100 * share:.0f}": average(squares < largest)
+            for share, largest in zip(ELLIPSOIDS, largest_of_each, strict=True)
+        }
+
     def protocol(self, name: str) -> Judgement:
         """The judgement by one of PROTOCOLS."""
         return self.judgements[PROTOCOLS.index(name)]
@@ -322,7 +352,7 @@ class Evaluation:
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluations(Artifact, kind="evaluations", version=14):
+class Evaluations(Artifact, kind="evaluations", version=15):
     """The evaluations of a model on one test sequence, one for each case of its queries."""
 
     evaluations: Annotated[Sequence[Evaluation], Stack("case")]

@@ -16,7 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
-from pipeline.core.frames import RIGHT_WITHIN, Poses, distance_and_turn, turns, wrapped_deg, yaw
+from pipeline.core.frames import (
+    LEVEL_RIGHT_WITHIN,
+    RIGHT_WITHIN,
+    Poses,
+    distance_and_turn,
+    turns,
+    wrapped_deg,
+    yaw,
+)
 from pipeline.core.schemas import Fixes, Labels, Rankings, SequenceRanking, Submaps
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.calibration import ece, probabilities
@@ -45,6 +53,10 @@ from pipeline.evaluation.protocols import Distance, GroundTruth, by_cells
 from pipeline.matching.ranking import Ranking
 from pipeline.matching.rejection import ACCEPT_NOTHING
 from pipeline.perturbations import Case, read_cases
+from pipeline.posing.covariances import normalised_squares, pose_errors
+
+LEVEL_DIMENSIONS = slice(2, 5)
+"""The turn about z and the steps along x and y, among the six dimensions of a covariance."""
 
 
 class PoseEstimates(NamedTuple):
@@ -56,6 +68,24 @@ class PoseEstimates(NamedTuple):
     """A pose is rejected if its novelty is this or more: the threshold for a precision of .99."""
     right_within: tuple[float, float] = RIGHT_WITHIN
     """Metres and degrees within which a pose is right."""
+    covariance: NDArray[np.float64] | None = None
+    """(q, 6, 6) of a small turn in radians, then of a step in metres, in the query's frame; NaN or
+    infinite for a query without one."""
+
+    def squares(self, world_T_true: Poses) -> NDArray[np.float64]:
+        """The squared error (q,) of each pose, normalised by its covariance; NaN without one.
+
+        Of level sweeps it is that of x, y and heading.
+        """
+        dimensions = LEVEL_DIMENSIONS if self.right_within == LEVEL_RIGHT_WITHIN else slice(None)
+        squares = np.full(len(self.world_T_query), np.nan)
+        if self.covariance is not None:
+            is_known = np.isfinite(self.world_T_query).all(axis=(1, 2))
+            is_known &= np.isfinite(self.covariance).all(axis=(1, 2))
+            errors = pose_errors(self.world_T_query[is_known], world_T_true[is_known])
+            covariance = self.covariance[is_known][:, dimensions][:, :, dimensions]
+            squares[is_known] = normalised_squares(errors[:, dimensions], covariance)
+        return squares
 
 
 def judge_cases(
@@ -97,7 +127,10 @@ def judge_cases(
         estimates = None
         if isinstance(rankings, Fixes):
             estimates = PoseEstimates(
-                rankings.world_T_query[rows], rankings.reject_from(), rankings.right_within
+                rankings.world_T_query[rows],
+                rankings.reject_from(),
+                rankings.right_within,
+                rankings.covariance[rows],
             )
         evaluation = judge(
             ranking=rankings.ranking(rows),
@@ -232,6 +265,7 @@ def _queries(
         heading_error_deg=np.abs(wrapped_deg(answer_deg - true_deg)),
         pose_error_m=pose_error_m,
         pose_error_deg=pose_error_deg,
+        pose_square=estimates.squares(world_T_query),
         reject_pose_from=estimates.reject_from,
         right_within=estimates.right_within,
     )

@@ -131,6 +131,8 @@ class Queries:
     """(q,) distance of the estimated pose from the true one; NaN if there is no pose."""
     pose_error_deg: NDArray[np.float64]
     """(q,) turn of the estimated pose against the true one; NaN if there is no pose."""
+    pose_square: NDArray[np.float64]
+    """(q,) squared error of the pose, normalised by its covariance; NaN if there is none."""
     reject_pose_from: float
     """Poses of this novelty or more are rejected: the threshold for the target precision .99. NaN
     if the method estimates no poses."""

@@ -21,7 +21,6 @@ from pipeline.evaluation.numbers import (
     NUMBERS,
     POSES,
     SAME_HEADING_DEG,
-    WITHIN,
     average,
 )
 from pipeline.evaluation.protocols import PROTOCOLS
@@ -146,6 +145,7 @@ def evaluation_rows(
         verdicts = {f"{verdict}_99": count for verdict, count in evaluation.verdicts.items()}
         error = ece(evaluation.pose_probabilities, evaluation.pose_right)
         yield from number_rows(columns, "distance", verdicts | {"pose_ece": error})
+        yield from number_rows(columns, "distance", evaluation.in_ellipsoids)
 
 
 def _numbers(evaluation: Evaluation, protocol: str) -> dict[str, Any]:
@@ -164,11 +164,10 @@ def _numbers(evaluation: Evaluation, protocol: str) -> dict[str, Any]:
         "validation_precision": evaluation.validation_precision[0],
         "target_precision": evaluation.target_precision,
     }
-    is_level = evaluation.right_within == WITHIN[LEVEL_POSES]
     for name, value_and_bounds in zip(NUMBERS, judgement.numbers, strict=True):
         if name in POSES and not evaluation.has_poses:
             continue
-        if name == LEVEL_POSES and not is_level:
+        if name == LEVEL_POSES and not evaluation.is_level:
             continue
         numbers[name] = value_and_bounds
     return numbers

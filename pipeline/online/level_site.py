@@ -54,6 +54,7 @@ class LevelSite(Site):
         self.level_fixer = level.fixer
         verdict = parts.description.verdict
         self.claim_judge = Judge(verdict.pose, verdict.place, OF_SWEEPS)
+        self.calibrated = verdict.calibrated
         self.target_precisions = verdict.thresholds
 
     @property

@@ -31,6 +31,7 @@ from pipeline.online.motion import Drive, ScanDrive
 from pipeline.online.runtime import exported, localizer
 from pipeline.online.site_file import Arrays, LevelParts, Parts, read, read_either
 from pipeline.online.site_json import SiteDescription, notes
+from pipeline.posing import covariances
 from pipeline.posing.cut_outs import CutOuts
 from pipeline.posing.expectations import Expectations
 from pipeline.posing.fix import ScanFix as Registered
@@ -95,8 +96,8 @@ class Fix:
     """(4, 4) the pose of the frame that the points were given in; NaN without a pose."""
     covariance: NDArray[np.float64]
     """(6, 6) of a small turn about x, y, z in radians, then of a step along x, y, z in metres, in
-    the frame of the points. `yearloc localize` and the server write it as ROS does: x, y, z first,
-    along the world's axes."""
+    the frame of the points; calibrated (METHODS 9.5), in a level site not. `yearloc localize` and
+    the server write it as ROS does: x, y, z first, along the world's axes."""
     overlap: float
     """The share of the scan's voxels that the map has within half a metre; in a level site, the
     share of beams that end at a wall of the map."""
@@ -149,6 +150,9 @@ class Site:
         self.targets = _targets(description, model, arrays)
         self.places = Places(description.places, arrays["cells"])
         verdict = description.verdict
+        if verdict.covariances is None:  # a file of an earlier yearloc
+            verdict = replace(verdict, covariances=covariances.USUAL)
+        self.calibrated = verdict.calibrated
         self.claim_judge = Judge(verdict.pose, verdict.place)
         self.fixer: Fixer = replace(
             build(description.fixer, ROOTS),
@@ -361,7 +365,7 @@ class Site:
             verdict=verdict,
             place=self.place(registered.pose),
             world_T_sensor=registered.pose,
-            covariance=registered.covariance,
+            covariance=self.calibrated(registered.covariance),
             overlap=registered.overlap,
             novelty=pose_error,
             place_novelty=place_error,

@@ -43,8 +43,8 @@ class PosedQuery:
     probabilities: NDArray[np.float64]
     """(h,) the probability that each pose is right."""
     covariance: NDArray[np.float64]
-    """(6, 6) covariance of the first pose: of a small turn in radians, then of a step in metres,
-    in the query's frame."""
+    """(6, 6) covariance of the first pose, by its registration: of a small turn in radians, then
+    of a step in metres, in the query's frame."""
     overlap: float
     """Share of the query's points that lie on the map if the query stands at the first pose."""
     error_probabilities: NDArray[np.float64]
@@ -148,6 +148,7 @@ class Posing:
         claim_thresholds = self.verdict.claim_thresholds
         kept = self.verdict.kept_precision(self.target_precision)
         thresholds |= dict(zip(CLAIMS, self._claim_thresholds(kept), strict=True))
+        covariances = np.array([query.covariance for query in queries]).reshape(-1, 6, 6)
         artifact = Fixes(
             **vars(answered),
             turned_deg=rankings.turned_deg,
@@ -155,7 +156,7 @@ class Posing:
             thresholds=tuple(thresholds[kind] for kind in answered.kinds),
             target_precision=self.target_precision if kept is None else kept,
             world_T_query=np.array([query.pose for query in queries]).reshape(-1, 4, 4),
-            covariance=np.array([query.covariance for query in queries]).reshape(-1, 6, 6),
+            covariance=self.verdict.calibrated(covariances),
             overlap=np.array([query.overlap for query in queries], np.float32),
             target_precisions=self.verdict.target_precisions,
             pose_thresholds=claim_thresholds["fix"],

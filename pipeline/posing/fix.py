@@ -136,8 +136,8 @@ class Hypothesis:
 
     @property
     def pose_covariance(self) -> NDArray[np.float64]:
-        """The covariance (6, 6) of the alignment."""
-        return self.alignment.covariance
+        """The covariance (6, 6) of the alignment, whose residuals depend on their neighbours'."""
+        return self.alignment.dependent_covariance
 
     @property
     def overlap(self) -> float:

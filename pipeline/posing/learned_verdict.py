@@ -14,6 +14,7 @@ import numpy as np
 
 from pipeline.core import store
 from pipeline.core.schemas import Verdicts
+from pipeline.posing.covariances import CovarianceModel
 from pipeline.posing.expectations import Expectations
 from pipeline.posing.probabilities import HypothesisModel
 from pipeline.posing.search import Fixer
@@ -60,6 +61,7 @@ class Learned:
             dict(zip(CLAIMS, thresholds, strict=True)),
             artifact.validation_blocks,
             artifact.unseen_share,
+            covariances=_covariance_model(artifact),
         )
         expectations = Expectations(
             artifact.load("expected_xy_m"), artifact.load("expected_features")
@@ -69,11 +71,15 @@ class Learned:
     def write(self, path: Path, basis: str) -> None:
         """Write the artifact; `basis` describes what it was learned with (see `basis` below)."""
         verdict = self.verdict
+        model = verdict.covariances
         artifact = Verdicts(
             pose_weights=np.array(verdict.pose.weights),
             place_weights=np.array(verdict.place.weights),
             expected_xy_m=self.expectations.xy_m,
             expected_features=self.expectations.features,
+            covariance_typical=np.array(model.typical if model else ()),
+            covariance_scales=np.array(model.scales if model else ()),
+            covariance_power=model.power if model else 1.0,
             pose_offset=verdict.pose.offset,
             place_offset=verdict.place.offset,
             target_precisions=verdict.target_precisions,
@@ -101,6 +107,13 @@ class Learned:
     def judge(self) -> Judge:
         """The judge of later fixes of 3-D scans."""
         return Judge(self.verdict.pose, self.verdict.place)
+
+
+def _covariance_model(artifact: Verdicts) -> CovarianceModel | None:
+    """The model of covariances in an artifact; None if it has none."""
+    typical = tuple(artifact.load("covariance_typical").tolist())
+    scales = tuple(artifact.load("covariance_scales").tolist())
+    return CovarianceModel(typical, scales, artifact.covariance_power) if typical else None
 
 
 def basis(content: bytes, **settings: Any) -> str:

@@ -7,6 +7,7 @@ learns from the fixes of a real drive.
 
 from dataclasses import replace
 
+from pipeline.posing import covariances
 from pipeline.posing.fix import ScanFix
 from pipeline.posing.learned_verdict import Learned
 from pipeline.posing.search import Fixer
@@ -48,7 +49,14 @@ def usual_verdict() -> Verdict:
         if threshold > 0
     )
     return Verdict(
-        USUAL.pose, USUAL.place, TARGET_PRECISIONS, USUAL_THRESHOLDS, 0, UNSEEN_SHARE, usual
+        USUAL.pose,
+        USUAL.place,
+        TARGET_PRECISIONS,
+        USUAL_THRESHOLDS,
+        0,
+        UNSEEN_SHARE,
+        usual,
+        covariances.USUAL,
     )
 
 

@@ -9,7 +9,7 @@ source overlaps with the target. The steps:
 3. `refine`: align all thinned points with the target's points.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -31,6 +31,8 @@ NEAR_ENOUGH_RAD = 0.01
 """An approach ends at a step and a turn below these: the refinement does the rest."""
 LEAST_OFF_M = 0.01
 """The residuals of an alignment count as at least this large."""
+DEPENDENT_M = 4.0
+"""The residuals within a cube of this side depend on one another: they are of one wall or tree."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,10 @@ class Alignment:
     """Share of the source's voxels that have a voxel of the target nearer than `inlier_m`."""
     covariance: NDArray[np.float64]
     """(6, 6) of a small turn about x, y, z in radians, then of a step along x, y, z in metres, in
-    the source's frame; infinite if no surface constrains the pose in some direction."""
+    the source's frame; infinite if no surface constrains the pose in some direction. The residuals
+    count as independent."""
+    dependent_covariance: NDArray[np.float64]
+    """The same, where the residuals of a cube of DEPENDENT_M depend on one another."""
 
     @property
     def spread_m(self) -> float:
@@ -52,7 +57,7 @@ class Alignment:
         return float(np.sqrt(np.linalg.eigvalsh(steps)[-1])) if np.isfinite(steps).all() else np.inf
 
 
-NOWHERE = Alignment(np.eye(4), 0.0, np.full((6, 6), np.inf))
+NOWHERE = Alignment(np.eye(4), 0.0, np.full((6, 6), np.inf), np.full((6, 6), np.inf))
 """Stands for an alignment if there are too few points to register."""
 
 
@@ -233,10 +238,10 @@ class Registration:
         off_m = np.einsum("nx,nx->n", normals, moved_m[is_paired] - target.xyz_m[target_rows])
         # The pose is unconstrained in a direction along which either cloud has no surface.
         if min(_least_along(normals), _least_along(source.normals[is_paired])) < LEAST_ALONG:
-            return Alignment(target_T_source, overlap, np.full((6, 6), np.inf))
+            return replace(NOWHERE, target_T_source=target_T_source, overlap=overlap)
         normals_in_source = normals @ target_T_source[:3, :3]  # rows n @ R are the columns Rᵀ n
-        covariance = _covariance(source.xyz_m[is_paired], normals_in_source, off_m)
-        return Alignment(target_T_source, overlap, covariance)
+        covariances = _covariances(source.xyz_m[is_paired], normals_in_source, off_m)
+        return Alignment(target_T_source, overlap, *covariances)
 
     def _rough_overlap(
         self, target: Cloud, source: Cloud, target_T_source: NDArray[np.float64]
@@ -257,15 +262,27 @@ def _least_along(normals: NDArray[np.float64]) -> float:
     return float(np.linalg.eigvalsh(normals.T @ normals / len(normals))[0])
 
 
-def _covariance(
+def _covariances(
     points_m: Points, normals: NDArray[np.float64], off_m: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """The covariance (6, 6) of an alignment: the inverse Hessian of the point-to-plane error.
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The covariances (6, 6) of an alignment, by its point-to-plane error.
 
-    Points (n, 3) lie `off_m` (n,) off planes with normals (n, 3), all in the source's frame.
+    Points (n, 3) lie `off_m` (n,) off planes with normals (n, 3), all in the source's frame. The
+    first is the inverse Hessian: all residuals are independent, and equally large. For the second
+    only cubes are independent (the sandwich estimator, with clusters).
     """
     # The derivative (n, 6) of n · (p + turn × p + step) by the turn, p × n, and by the step, n.
     slopes = np.column_stack([np.cross(points_m, normals), normals])
+    inverse = np.linalg.inv(slopes.T @ slopes)
     # A pose takes six degrees of freedom from the residuals.
     variance = max(float(off_m @ off_m) / (len(off_m) - 6), LEAST_OFF_M**2)
-    return np.asarray(variance * np.linalg.inv(slopes.T @ slopes))
+    # The sum (cube, 6) of the gradients of the points in each cube.
+    cubes = np.floor(points_m / DEPENDENT_M).astype(np.int64)
+    cubes -= cubes.min(axis=0)
+    numbers = np.ravel_multi_index(tuple(cubes.T), tuple(cubes.max(axis=0) + 1))
+    _, cube = np.unique(numbers, return_inverse=True)
+    gradients = slopes * off_m[:, None]
+    sums = np.column_stack([np.bincount(cube, gradient) for gradient in gradients.T])
+    # Few cubes leave directions without a residual: each point is off by LEAST_OFF_M besides.
+    dependent = inverse @ (sums.T @ sums) @ inverse + LEAST_OFF_M**2 * inverse
+    return variance * inverse, dependent

@@ -22,7 +22,8 @@ from pipeline.core.errors import InputError
 from pipeline.core.frames import RIGHT_WITHIN, Poses, distance_and_turn
 from pipeline.core.precisions import kept_precision, kept_words
 from pipeline.matching.rejection import ACCEPT_NOTHING, threshold_for
-from pipeline.posing import probabilities
+from pipeline.posing import covariances, probabilities
+from pipeline.posing.covariances import CovarianceModel, pose_errors
 from pipeline.posing.expectations import Expectations
 from pipeline.posing.fix import Registered
 from pipeline.posing.probabilities import HypothesisModel, learned
@@ -39,6 +40,8 @@ LARGEST_ERROR_PROBABILITY = 0.5
 """No claim that is more likely wrong than right is accepted, at any target precision."""
 LEAST_ERROR_PROBABILITY = 1e-9
 """Error probabilities are clipped to this and one minus this before their log-odds are taken."""
+LEAST_PROBABILITY = 0.9
+"""Covariances are learned from fixes of at least this probability: accepted fixes have it."""
 AnyFix = Registered[Any]
 """A fix of a 3-D scan or of level sweeps."""
 FixT_co = TypeVar("FixT_co", bound=AnyFix, covariant=True)
@@ -141,6 +144,12 @@ class Verdict:
     usual: tuple[float, ...] = ()
     """The target precisions whose thresholds are those of all maps: this map's own validation
     blocks are too few, or none, to learn them."""
+    covariances: CovarianceModel | None = None
+    """Calibrates the covariances of poses; None for level sweeps, which have no such model."""
+
+    def calibrated(self, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The calibrated covariances of covariances (…, 6, 6)."""
+        return self.covariances.calibrated(covariance) if self.covariances else covariance
 
     @property
     def reachable(self) -> tuple[float, ...]:
@@ -308,7 +317,30 @@ class FixEvidence(Generic[FixT_co]):
         judge = self.learned(unseen_share)
         thresholds = self.thresholds(judge, unseen_share)
         return Verdict(
-            judge.pose, judge.place, TARGET_PRECISIONS, thresholds, self.blocks, unseen_share
+            judge.pose,
+            judge.place,
+            TARGET_PRECISIONS,
+            thresholds,
+            self.blocks,
+            unseen_share,
+            covariances=self.covariance_model(judge),
+        )
+
+    def covariance_model(self, judge: Judge) -> CovarianceModel:
+        """The model of covariances learned from the fixes of 3-D scans.
+
+        It learns from right fixes at known places, of a probability as accepted fixes have it.
+        """
+        fixes = [fix.ordered(judge.pose) for fix in self.fixes]
+        poses = np.array([fix.pose for fix in fixes]).reshape(-1, 4, 4)
+        probabilities = np.array([fix.probability for fix in fixes])
+        is_right = judge.tolerances.right(poses, self.world_T_true)
+        rows = np.flatnonzero(is_right & ~self.unseen & (probabilities >= LEAST_PROBABILITY))
+        return CovarianceModel.learned(
+            pose_errors(poses[rows], self.world_T_true[rows]),
+            np.array([fixes[row].covariance for row in rows]).reshape(-1, 6, 6),
+            np.full(len(rows), self.blocks / max(len(rows), 1)),
+            covariances.USUAL,
         )
 
 

@@ -133,6 +133,9 @@ POSES = (
 ANSWERS = (
     *(Column(verdict.replace("_", " "), f"{verdict}_99", 0) for verdict in VERDICTS),
     Column("calibration error", "pose_ece"),
+    Column("in the 50 % ellipsoid", "in_ellipsoid_50"),
+    Column("in the 90 % ellipsoid", "in_ellipsoid_90"),
+    Column("in the 95 % ellipsoid", "in_ellipsoid_95"),
 )
 # Training, the model's size, and the parts of a query's time.
 COSTS = (

@@ -424,6 +424,35 @@ def test_accepted_places_are_counted_at_the_threshold_and_wrong_ones_among_them(
     }
 
 
+def test_the_ellipsoids_of_accepted_poses_hold_the_truth() -> None:
+    """Novelties below .35: the first, third, fourth and fifth. The ellipsoids of 50, 90 and 95 % in
+    six dimensions end at 5.35, 10.64 and 12.59. The fifth pose has no covariance."""
+    posed = replace(
+        seven_queries(),
+        reject_pose_from=0.35,
+        pose_square=np.array([1, 99, 10, 12, np.nan, 99, 99]),
+    )
+    assert posed.in_ellipsoids == pytest.approx(
+        {"in_ellipsoid_50": 1 / 3, "in_ellipsoid_90": 2 / 3, "in_ellipsoid_95": 1}
+    )
+
+
+def test_the_square_of_an_error_is_in_units_of_its_deviations() -> None:
+    """The second pose is 3 m off with a deviation of 1.5 m: 2² = 4. The last pose is missing."""
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[1, 0, 3] = 3.0
+    poses[2] = np.nan
+    covariance = np.tile(np.diag([1, 1, 1, 2.25, 1, 1]), (3, 1, 1))
+    estimates = PoseEstimates(poses, 0.5, covariance=covariance)
+    truth = np.tile(np.eye(4), (3, 1, 1))
+    assert estimates.squares(truth) == pytest.approx([0, 4, np.nan], nan_ok=True)
+    assert np.isnan(estimates._replace(covariance=None).squares(truth)).all()
+    # of level sweeps the height does not count
+    level = estimates._replace(right_within=(1.0, 10.0))
+    truth[0, 2, 3] = 5.0
+    assert level.squares(truth) == pytest.approx([0, 4, np.nan], nan_ok=True)
+
+
 def test_accepted_poses_are_counted_by_what_they_target_precision() -> None:
     """Novelties below .35: the first, third (3 m off), fourth and fifth (6° off). Refused: the
     second, the sixth (50 m off), and the last, which has no pose and so no wrong one."""

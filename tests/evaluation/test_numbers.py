@@ -23,6 +23,7 @@ QUERIES = Queries(
     heading_error_deg=np.array([2.0, 1.0, 10.0, 3.0, 170.0, np.nan]),
     pose_error_m=np.array([0.1, 3.0, 1.9, np.nan, 0.4, 0.3]),
     pose_error_deg=np.array([1.0, 1.0, 4.0, np.nan, 1.5, 1.0]),
+    pose_square=np.full(6, np.nan),
     reject_pose_from=0.5,
 )
 EVERYONE = np.ones((1, 6))
@@ -220,6 +221,7 @@ def test_a_weight_is_a_number_of_equal_queries(
             off_deg[index],
             error_m[index] / 9,
             off_deg[index] / 3,
+            np.full(len(index), np.nan),
             0.7,
         )
         return values_by_name(

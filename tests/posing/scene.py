@@ -54,7 +54,7 @@ def hypothesis(
 ) -> Hypothesis:
     """A hypothesis at (x, 0) with this overlap and spread, whose walls agree fully with the
     map's."""
-    alignment = Alignment(np.eye(4), overlap, spread_m**2 * np.eye(6))
+    alignment = Alignment(np.eye(4), overlap, spread_m**2 * np.eye(6), spread_m**2 * np.eye(6))
     agreement = Agreement(overlap, 1.0, 1.0)
     return Hypothesis(
         0, planar(x_m, 0, yaw_deg), alignment, agreement, agreement, 0.0, Aliases(margin, ())

@@ -54,6 +54,15 @@ def test_the_covariance_is_what_repeated_noise_gives() -> None:
     assert (np.std(poses, axis=0) / expected > 0.25).all()
 
 
+def test_residuals_of_one_wall_depend_on_one_another() -> None:
+    """A wall that is displaced as a whole counts as few residuals, not as one for each point."""
+    moved = scene()
+    moved[np.abs(moved[:, 0] - moved[:, 0].max()) < 2, 0] += 0.2
+    result = Registration().align(scene(), moved, np.eye(4))
+    independent = np.sqrt(np.diag(result.covariance))
+    assert np.sqrt(result.dependent_covariance[3, 3]) > 1.5 * independent[3]
+
+
 @pytest.mark.parametrize(
     ("points", "says"),
     [
