@@ -132,7 +132,7 @@ def test_the_area_is_that_of_the_authors_counts() -> None:
     thresholds = np.linspace(0, 1, 200)
     result = values_by_name(
         ground_truth,
-        Queries(novelty, (0.5,), thresholds, *rng.random((6, 400)), 0.5),
+        Queries(novelty, (0.5,), thresholds, *rng.random((7, 400)), 0.5),
         np.ones((1, 400)),
     )
     areas = auc(*precision_recall(count(ground_truth, novelty[:, 0], thresholds)))
