@@ -6,6 +6,9 @@ It publishes PoseWithCovarianceStamped on `fix`, with the stamp of the cloud.
         -p odometry:=/odom -p tf:=true
     python localizer.py hall.site --ros-args -r scan:=/scan -p odometry:=/odom
 
+It takes /initialpose, such as of RViz: the next scan is sought near that pose first, and the track
+starts again.
+
 With a level site it takes LaserScan instead. It also publishes /initialpose, from which AMCL
 starts: when the robot is first found, and each time that it is found again after it was lost.
 
@@ -24,13 +27,15 @@ While a cloud is localised, only the newest cloud waits; older clouds are droppe
 """
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from pipeline.core.errors import InputError
 from pipeline.core.frames import transformed
-from pipeline.formats.bag import ODOMETRY
+from pipeline.formats.bag import ODOMETRY, POSE_COVARIANCE
 from pipeline.formats.messages import pose_numbers, poses, sweep_points
 from pipeline.formats.pointcloud2 import decode
 from pipeline.kernel_cache import cold
@@ -40,7 +45,10 @@ from pipeline.online.outputs import in_world
 from pipeline.readers.log import raised
 from pipeline.running.process import keep_freed_memory
 from pipeline.views.kernels import bin_heights
-from yearloc import Site, Tracker, YearlocError
+from yearloc import Prior, Site, Tracker, YearlocError
+
+X_Y_YAW = (0, 1, 5)
+"""The rows of x, y and yaw in a covariance of ROS."""
 
 
 def stamp_ns(header: Any) -> int:
@@ -78,6 +86,23 @@ class Localizer:
             placement("body_T_lidar", body_T_lidar) if body_T_lidar else raised(lift_m)
         )
         self._odom_T_previous = NO_POSE
+        self._initial_ns = -1  # the stamp of the last pose that /initialpose is told
+
+    def believed(self, message: Any, frame: str = "map") -> None:
+        """Start again: the next scan is localised by this PoseWithCovarianceStamped as a prior.
+
+        A message that this node itself published is left alone. A covariance of zeros counts as
+        unknown. Raises InputError for any other covariance that is none, and for another frame.
+        """
+        if stamp_ns(message.header) == self._initial_ns:
+            return
+        if message.header.frame_id not in ("", frame):
+            raise InputError(f"a pose in {message.header.frame_id!r:.60}: expected {frame!r}")
+        world_T_robot = poses([pose_numbers(message, POSE_COVARIANCE)])[0]
+        covariance = np.reshape(message.pose.covariance, (6, 6))[np.ix_(X_Y_YAW, X_Y_YAW)]
+        if not covariance.any():
+            covariance = Prior.at(0.0, 0.0, 0.0).covariance
+        self._tracker.restart(Prior(world_T_robot, covariance))
 
     def moved(self, odometry: Any) -> None:
         """Add an Odometry message."""
@@ -98,6 +123,8 @@ class Localizer:
         self._odom_T_previous = odom_T_body
         if fix.verdict != "accepted":
             return None
+        if was_lost:
+            self._initial_ns = time_ns
         map_T_odom = (
             fix.world_T_sensor @ np.linalg.inv(odom_T_body)
             if np.isfinite(odom_T_body).all()
@@ -112,6 +139,20 @@ def fill(position: Any, turn: Any, pose: np.ndarray) -> None:
 
     position.x, position.y, position.z = map(float, pose[:3, 3])
     turn.x, turn.y, turn.z, turn.w = map(float, Rotation.from_matrix(pose[:3, :3]).as_quat())
+
+
+def teller(
+    localizer: Localizer, frame: str, warn: Callable[[str], object]
+) -> Callable[[Any], None]:
+    """What /initialpose calls: it tells the localizer, and warns of a message that is no prior."""
+
+    def told(message: Any) -> None:
+        try:
+            localizer.believed(message, frame)
+        except YearlocError as error:
+            warn(f"/initialpose: {error}")
+
+    return told
 
 
 def main() -> None:
@@ -199,6 +240,8 @@ def main() -> None:
             moved,
             QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT),
         )
+    told = teller(localizer, frame, node.get_logger().warning)
+    node.create_subscription(PoseWithCovarianceStamped, "/initialpose", told, 1)
     rclpy.spin(node)
 
 

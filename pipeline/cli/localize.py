@@ -20,6 +20,8 @@ from pipeline.cli.options import (
     Follow,
     Idle,
     Odometry,
+    PriorSigma,
+    PriorText,
     SitePath,
     Strict,
     TargetPrecision,
@@ -28,7 +30,13 @@ from pipeline.cli.options import (
     only_one,
 )
 from pipeline.cli.outputs import check_file
-from pipeline.cli.scan_options import check_site, scan_options, scans_or_followed, told_kept
+from pipeline.cli.scan_options import (
+    check_site,
+    prior_of,
+    scan_options,
+    scans_or_followed,
+    told_kept,
+)
 from pipeline.cli.summary import Summary
 from pipeline.core.errors import ConfigError
 
@@ -90,6 +98,8 @@ def localize(
     body_T_lidar: BodyTLidar = None,
     topic: Topic = None,
     odometry: Odometry = None,
+    prior: PriorText = None,
+    prior_sigma: PriorSigma = None,
     track: Track = False,
     follow: Follow = False,
     idle: Idle = 10.0,
@@ -115,6 +125,7 @@ def localize(
     if lift is not None and not follow:
         _check_lift(options, inputs)
     summary = Summary(site.claim_judge.tolerances)
+    believed = prior_of(prior, prior_sigma)
     tracker = tracker_of(site, target_precision, track)
     tell_cold()
     with writer(output_format, out) as write:
@@ -122,7 +133,7 @@ def localize(
             scans = scans_or_followed(options, source, follow, idle, summary)
             # `localized` appends to `broken` why a scan could not be read
             for scan, points_m, fix in localized(
-                scans, tracker or site, target_precision, summary.broken
+                scans, tracker or site, target_precision, summary.broken, believed
             ):
                 is_first = not summary.verdicts
                 if is_first:

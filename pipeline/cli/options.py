@@ -88,6 +88,23 @@ Idle = Annotated[
 ]
 
 
+PriorText = Annotated[
+    str | None,
+    typer.Option(
+        "--prior",
+        metavar="X,Y[,HEADING]",
+        help="Where the robot is believed to be, in metres and degrees: searched first; with "
+        "--track, where the drive begins",
+    ),
+]
+PriorSigma = Annotated[
+    str | None,
+    typer.Option(
+        metavar="METRES[,DEGREES]", help="The standard deviations of --prior [5 m and 20°]"
+    ),
+]
+
+
 def lidar_of(body_T_lidar: str | None) -> "Poses | None":
     """The pose (4, 4) of the lidar that `--body-T-lidar` gives; None without the option."""
     from pipeline.online.inputs import placement

@@ -12,6 +12,7 @@ if TYPE_CHECKING:  # at run time these would slow the start of every command
     from pipeline.cli.summary import Summary
     from pipeline.online.inputs import Scan, ScanOptions
     from pipeline.online.site import Site
+    from pipeline.posing.prior import Prior
 
 
 def scan_options(
@@ -35,6 +36,16 @@ def scan_options(
         body_T_lidar=lidar_of(body_T_lidar),
         message=site.message,
     )
+
+
+def prior_of(prior: str | None, sigma: str | None) -> "Prior | None":
+    """The prior of `--prior` and `--prior-sigma`; None without them.
+
+    Raises InputError for values that are no prior.
+    """
+    from pipeline.online.inputs import parse_prior
+
+    return parse_prior("--prior", prior, "--prior-sigma", sigma)
 
 
 def scans_or_followed(

@@ -16,6 +16,8 @@ from pipeline.cli.options import (
     Follow,
     Idle,
     Odometry,
+    PriorSigma,
+    PriorText,
     SitePath,
     Strict,
     TargetPrecision,
@@ -23,7 +25,13 @@ from pipeline.cli.options import (
     Track,
 )
 from pipeline.cli.outputs import check_file
-from pipeline.cli.scan_options import check_site, scan_options, scans_or_followed, told_kept
+from pipeline.cli.scan_options import (
+    check_site,
+    prior_of,
+    scan_options,
+    scans_or_followed,
+    told_kept,
+)
 from pipeline.cli.summary import Summary
 from pipeline.core.errors import ConfigError
 
@@ -49,6 +57,8 @@ def watch(
     body_T_lidar: BodyTLidar = None,
     topic: Topic = None,
     odometry: Odometry = None,
+    prior: PriorText = None,
+    prior_sigma: PriorSigma = None,
     track: Track = False,
     follow: Follow = False,
     idle: Idle = 10.0,
@@ -68,6 +78,7 @@ def watch(
     check_site(site, odometry, track, follow)
     check_file(save)
     target_precision = told_kept(site, target_precision, strict)
+    believed = prior_of(prior, prior_sigma)
     is_for_foxglove = save is not None and save.suffix == ".mcap"
     open_recording: Any = foxglove.Recording if is_for_foxglove else rerun.Recording
     tell_cold()
@@ -77,7 +88,7 @@ def watch(
     scans = islice(all_scans, 0, None, every)  # every N-th, from the first on
     localizer = tracker_of(site, target_precision, track) or site
     with open_recording(site, save, target_precision) as recording:
-        fixes = localized(scans, localizer, target_precision, summary.broken)
+        fixes = localized(scans, localizer, target_precision, summary.broken, believed)
         for number, (scan, points_m, fix) in enumerate(fixes):
             recording.add(number * every, scan, points_m, fix)
             summary.add(scan, fix)

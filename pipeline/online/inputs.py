@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.building import build
-from pipeline.core.errors import ConfigError, LogError, YearlocError
+from pipeline.core.errors import ConfigError, InputError, LogError, YearlocError
 from pipeline.core.frames import ROUNDED_NS, Poses, Stamps, transformed
 from pipeline.formats import bin_layout, folder, nclt
 from pipeline.formats.bag import CLOUD, SWEEP
 from pipeline.formats.bag_file import BagFile, find
 from pipeline.opening.opening import by_reader, scan_files
+from pipeline.posing.prior import Prior
 from pipeline.readers import vehicle
 from pipeline.readers.bag_clouds import Clouds
 from pipeline.readers.bag_poses import KINDS, Track, read_track
@@ -221,6 +222,36 @@ def placement(key: str, text: str) -> Poses:
         raise ConfigError(
             f"{key}={text:.60}: expected x,y,z,roll,pitch,yaw in metres and degrees"
         ) from None
+
+
+def parse_prior(key: str, text: str | None, sigma_key: str, sigma: str | None) -> Prior | None:
+    """The prior parsed from x,y[,heading] and its standard deviations from METRES[,DEGREES].
+
+    It is None if both are None. Without standard deviations, those of Prior.at are taken. Raises
+    InputError, which names the options `key` and `sigma_key`.
+    """
+    if text is None:
+        if sigma is not None:
+            raise InputError(f"{sigma_key}={sigma:.60}: needs {key}")
+        return None
+    numbers = _numbers(text)
+    if len(numbers) not in (2, 3):
+        raise InputError(f"{key}={text:.60}: expected x,y or x,y,heading in metres and degrees")
+    sigmas = [] if sigma is None else _numbers(sigma)
+    if sigma is not None and not 1 <= len(sigmas) <= len(numbers) - 1:
+        form = "METRES,DEGREES or METRES" if len(numbers) == 3 else "METRES, as without a heading"
+        raise InputError(f"{sigma_key}={sigma:.60}: expected {form}")
+    x_m, y_m, *heading_deg = numbers
+    names = ("sigma_m", "sigma_deg")
+    return Prior.at(x_m, y_m, *heading_deg, **dict(zip(names, sigmas, strict=False)))
+
+
+def _numbers(text: str) -> list[float]:
+    """The numbers between commas; empty if there is something else."""
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError:
+        return []
 
 
 def _of_log(

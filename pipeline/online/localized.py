@@ -10,6 +10,7 @@ from pipeline.core.errors import LogError
 from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix, Site
 from pipeline.online.tracking import Tracker
+from pipeline.posing.prior import Prior
 
 
 class Localized(NamedTuple):
@@ -26,12 +27,13 @@ def localized(
     localizer: Site | Tracker,
     target_precision: float | None,
     broken: list[str],
+    prior: Prior | None = None,
 ) -> Iterator[Localized]:
     """The fix of each scan, one after the other.
 
     A site localises each scan alone, with `target_precision`; a tracker combines all scans so far,
     with its own target precision. A scan that cannot be read is left out, and the reason is
-    appended to `broken`.
+    appended to `broken`. A prior is of each scan, or of the first alone if the robot is tracked.
     """
     for scan in scans:
         try:
@@ -41,9 +43,10 @@ def localized(
             broken.append(reason if scan.name in reason else f"{scan.name}: {reason}")
             continue
         if isinstance(localizer, Site):
-            yield Localized(scan, points_m, localizer.localize(points_m, target_precision))
+            yield Localized(scan, points_m, localizer.localize(points_m, target_precision, prior))
         else:
-            yield Localized(scan, points_m, localizer.follow(scan, points_m))
+            yield Localized(scan, points_m, localizer.follow(scan, points_m, prior))
+            prior = None if localizer.is_tracking else prior
 
 
 def tracker_of(site: Site, target_precision: float | None, track: bool) -> Tracker | None:

@@ -25,10 +25,11 @@ from starlette.requests import ClientDisconnect
 from pipeline.core.errors import ConfigError, InputError, LogError, YearlocError
 from pipeline.core.frames import Poses, transformed
 from pipeline.online.bodies import CDR, FLOATS, LARGEST_BYTES, points
-from pipeline.online.inputs import NO_POSE, Scan, placement
+from pipeline.online.inputs import NO_POSE, Scan, parse_prior, placement
 from pipeline.online.outputs import record
 from pipeline.online.site import Fix, Site
 from pipeline.online.site_json import notes
+from pipeline.posing.prior import Prior
 from pipeline.readers.log import raised
 
 FORM = "application/x-www-form-urlencoded"
@@ -42,7 +43,7 @@ MOST_WAITING = 16
 GONE_STATUS = 499
 GONE_REASON = "the client is gone"
 """The status, for the metrics, and the reason of a request whose client has disconnected."""
-OPTIONS = ("target_precision", "strict", "lift_m", "body_T_lidar")
+OPTIONS = ("target_precision", "strict", "lift_m", "body_T_lidar", "prior", "prior_sigma")
 """The options of a request to localise a scan."""
 TARGET_PRECISION = 0.99
 """The wanted precision of a request that names none."""
@@ -120,6 +121,7 @@ def serving(path: Path, token: str = "") -> FastAPI:
         wanted_precision = _wanted_precision(request)
         target_precision = _kept_precision(request, site, wanted_precision)
         body_T_lidar = _placement(request, site)
+        prior = _prior(request)
         if waiting.locked():
             raise RequestError(
                 503,
@@ -130,7 +132,7 @@ def serving(path: Path, token: str = "") -> FastAPI:
             body = await _body(request)
             stamp_ns, points_m = _points(body, request.headers.get("content-type", FLOATS))
             points_m = transformed(body_T_lidar, points_m)
-            future = localizing.submit(site.localize, points_m, target_precision)
+            future = localizing.submit(site.localize, points_m, target_precision, prior)
             try:
                 fix = await _while_connected(request, future)
             except YearlocError as error:
@@ -221,6 +223,15 @@ def _placement(request: Request, site: Site) -> Poses:
     try:
         return placement("body_T_lidar", text)
     except ConfigError as error:
+        raise RequestError(400, str(error)) from None
+
+
+def _prior(request: Request) -> Prior | None:
+    """The prior of a request's options; None without it, RequestError if it is malformed."""
+    prior, sigma = (request.query_params.get(name) for name in ("prior", "prior_sigma"))
+    try:
+        return parse_prior("prior", prior, "prior_sigma", sigma)
+    except InputError as error:
         raise RequestError(400, str(error)) from None
 
 

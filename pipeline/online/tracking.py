@@ -84,28 +84,31 @@ class Tracker:
         self._drive.lose()
         self._prior = prior
 
-    def follow(self, scan: Scan, points_m: NDArray[np.floating]) -> Fix:
+    def follow(self, scan: Scan, points_m: NDArray[np.floating], prior: Prior | None = None) -> Fix:
         """The fix of the next scan, with its points (n, 3), and with its own odometry and stamp."""
         driven = odometry.step(self._previous_scan, scan)
         self._previous_scan = scan
         self.steps[driven is not None] += 1
-        return self.localize(points_m, driven, scan.stamp_ns)
+        return self.localize(points_m, driven, scan.stamp_ns, prior)
 
     def localize(
         self,
         points_m: NDArray[np.floating],
         step: NDArray[np.float64] | None = None,
         stamp_ns: int | None = None,
+        prior: Prior | None = None,
     ) -> Fix:
         """The fix of the next scan (n, 3) in metres: x forward, y left, z up, ground at z = 0.
 
         A level site takes a sweep's hits (n, 2) or (n, 3). `step` (4, 4) is the scan's pose in the
         frame of the last scan, by odometry. Without odometry, a sweep is localised alone, and the
         step of a 3-D scan is predicted from the last two fixes; after a long pause the robot may be
-        anywhere. A step that no robot makes in the time between the stamps is not used. Raises
-        InputError for points of another shape, and for a 3-D scan in a level site.
+        anywhere. A robot that is lost is sought within a `prior` first. A step that no robot makes
+        in the time between the stamps is not used. Raises InputError for points of another shape,
+        and for a 3-D scan in a level site.
         """
         start = perf_counter()
+        prior, self._prior = prior or self._prior, None
         query = self._drive.query(self.site.points(points_m), step)
         took_s = None
         if stamp_ns is not None and self._stamp_ns is not None:
@@ -113,15 +116,21 @@ class Tracker:
         self._stamp_ns = stamp_ns
         self._time_s = self._time_s + 1.0 if stamp_ns is None else stamp_ns / 1e9
         if self.is_tracking:
-            fix = self._tracked(query, step, took_s)
+            fix = self._tracked(query, step, took_s, prior)
         else:
-            fix = self.site.find(query, self._target_precision, self._taken_prior())
+            fix = self.site.find(query, self._target_precision, prior)
         return replace(fix, ms=1e3 * (perf_counter() - start))
 
-    def _tracked(self, query: Any, step: NDArray[np.float64] | None, took_s: float | None) -> Fix:
+    def _tracked(
+        self,
+        query: Any,
+        step: NDArray[np.float64] | None,
+        took_s: float | None,
+        prior: Prior | None,
+    ) -> Fix:
         """The fix of a query of the site, given all scans before."""
         predicted_pose = self._predict(step, took_s)
-        registered, is_tracked = self._find(query, predicted_pose)
+        registered, is_tracked = self._find(query, predicted_pose, prior)
         fix = self.site.judge_query(query, registered, self._target_precision, is_tracked)
         fix = self._judged_along_path(fix, is_tracked)
         if fix.verdict != "no pose" and fix.probability >= LIKELY:
@@ -153,7 +162,9 @@ class Tracker:
         self.belief.move(before_T_now, deviations)
         return None if self._pose is None else self._pose @ before_T_now
 
-    def _find(self, query: Any, predicted_pose: NDArray[np.float64] | None) -> tuple[AnyFix, bool]:
+    def _find(
+        self, query: Any, predicted_pose: NDArray[np.float64] | None, prior: Prior | None
+    ) -> tuple[AnyFix, bool]:
         """Register a query at a predicted pose (4, 4), or in the whole map.
 
         The whole map is searched if no pose is predicted, or if nothing fits there and the robot
@@ -163,14 +174,7 @@ class Tracker:
             registered = self.site.track(query, predicted_pose)
             if registered.hypotheses or self._misses + 1 < PATIENCE:
                 return registered, True
-        if (prior := self._taken_prior()) is not None:
-            return self.site.sought(query, self._target_precision, prior), False
-        return self.site.seek(query), False
-
-    def _taken_prior(self) -> Prior | None:
-        """The prior of this scan, which no later scan has."""
-        prior, self._prior = self._prior, None
-        return prior
+        return self.site.sought(query, self._target_precision, prior), False
 
     def _judged_along_path(self, fix: Fix, is_tracked: bool) -> Fix:
         """The fix of a scan, judged by all scans so far."""

@@ -85,6 +85,34 @@ def test_what_is_kept_instead_of_the_wanted_precision_is_said_once_and_stands_in
     assert "can keep" not in reported
 
 
+def test_a_prior_is_searched_first_and_a_wrong_one_changes_no_answer(
+    localize: Command, tmp_path: Path
+) -> None:
+    file = floats(tmp_path)
+    x_m, y_m = scan()[1][:2, 3]
+    for prior in (f"{x_m + 3},{y_m}", f"{x_m - 900},{y_m},90"):
+        for track in ((), ("--track",)):
+            words = (f"--prior={prior}", "--prior-sigma", "3", "--json", *track)
+            assert near(json.loads(localize.run(file, *words)[0]))
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--prior=1,2,3,4",), "--prior=1,2,3,4: expected x,y or x,y,heading"),
+        (("--prior=x,2",), "--prior=x,2: expected x,y or x,y,heading"),
+        (("--prior=1,inf",), "not finite"),
+        (("--prior=1,2", "--prior-sigma=3,4"), "--prior-sigma=3,4: expected METRES, as without"),
+        (("--prior=1,2,3", "--prior-sigma=3,0"), "expected more than 0"),
+        (("--prior-sigma=3",), "--prior-sigma=3: needs --prior"),
+    ],
+)
+def test_a_prior_that_is_none_is_refused_in_a_line(
+    localize: Command, tmp_path: Path, words: tuple[str, ...], says: str
+) -> None:
+    assert says in localize.refused(floats(tmp_path), *words)
+
+
 def test_scan_files_of_every_format_are_read(localize: Command, tmp_path: Path) -> None:
     points_m, _ = scan()
     np.save(tmp_path / "1.npy", points_m.astype(np.float32))

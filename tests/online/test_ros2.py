@@ -12,14 +12,17 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 
-from pipeline.formats.bag import CLOUD, ODOMETRY, BagWriter
+from pipeline.core.errors import InputError
+from pipeline.formats.bag import CLOUD, ODOMETRY, POSE_COVARIANCE, BagWriter
 from pipeline.formats.bag_file import BagFile
 from pipeline.online.level_pack import pack_map
 from pipeline.online.site import Site
+from pipeline.online.tracking import Tracker
 from tests.level.hall import map_of_hall, sweep
 from tests.online.made import ANCHORS, scan
 from tests.posing.scene import planar, scene, seen_from
 from tests.readers.bags import cloud
+from tests.readers.damage import one_line
 
 NODE = Path(__file__).parents[2] / "examples/ros2/localizer.py"
 START_NS = 1_700_000_000_250_000_000
@@ -103,7 +106,7 @@ def test_the_node_copies_the_stamp_and_broadcasts_where_the_odometrys_frame_is(
     fakes = faked(monkeypatch, three_places, odometry="/wheels", tf=True)
     node = fakes["rclpy.node"].Node.return_value
     example.main()
-    (_, _, arrived, _), (_, topic, moved, _) = (
+    (_, _, arrived, _), (_, topic, moved, _), _ = (
         call.args for call in node.create_subscription.call_args_list
     )
     assert topic == "/wheels"
@@ -167,11 +170,12 @@ def test_a_level_robot_is_started_once_and_again_after_it_was_carried_away(
         topic, MagicMock()
     )
     example.main()
-    (kind, topic, arrived, _), (_, _, moved, _) = (
+    (kind, topic, arrived, _), (_, _, moved, _), (_, _, believed, _) = (
         call.args for call in node.create_subscription.call_args_list
     )
     assert kind is fakes["sensor_msgs.msg"].LaserScan
     assert topic == "scan"
+    tracker = MagicMock()
     places = [(16.0, 6.0, 2.0)] * 4 + [(3.0, 4.0, 0.5)] * 10
     poses = []
     for row, place in enumerate(places):
@@ -192,3 +196,39 @@ def test_a_level_robot_is_started_once_and_again_after_it_was_carried_away(
         # x, y and heading lie at these three of AMCL's 36 numbers
         assert all(0 < message.pose.covariance[number] < 1 for number in (0, 7, 35))
         assert message.header.frame_id == "map"
+    # the node's own pose comes back on the topic, and starts no new track
+    with monkeypatch.context() as patched:
+        patched.setattr(Tracker, "restart", tracker)
+        own = stamped(places.index(places[-1]) + len(places), pose=STANDS)
+        own.header.stamp = initial[-1].header.stamp
+        own.header.frame_id = "map"
+        believed(own)
+    tracker.assert_not_called()
+
+
+def test_a_pose_that_a_person_gives_is_the_prior_of_the_next_scan(
+    example: ModuleType, three_places: Path, tmp_path: Path
+) -> None:
+    node = example.Localizer(Site.open(three_places), 0.95)
+    (before, after), _ = sent(tmp_path / "day", scan(1)[0], scan(2)[0])
+    assert node.pose(before) is not None
+    x_m, y_m = scan(2)[1][:2, 3]
+    node.believed(initial_pose(tmp_path / "given", x_m, y_m, np.diag([4, 4, 0, 0, 0, 1.0])))
+    here = node.pose(after)
+    assert here.is_initial
+    np.testing.assert_allclose(here.map_T_body, scan(2)[1], atol=0.1)
+    node.believed(initial_pose(tmp_path / "zeros", x_m, y_m, np.zeros((6, 6))))
+    assert node.pose(after) is not None
+    with one_line(InputError, "a variance of -1"):
+        node.believed(initial_pose(tmp_path / "none", x_m, y_m, -np.eye(6)))
+    with one_line(InputError, "a pose in 'map': expected 'odom'"):
+        node.believed(initial_pose(tmp_path / "odom", x_m, y_m, np.eye(6)), "odom")
+
+
+def initial_pose(folder: Path, x_m: float, y_m: float, covariance: np.ndarray) -> Any:
+    """A PoseWithCovarianceStamped with a heading of 0, as ROS delivers it."""
+    with BagWriter(folder, "mcap") as bag:
+        pose = planar(x_m, y_m, 0)
+        bag.pose_with_covariance(START_NS + 10**8, "map", pose, covariance, "/initialpose")
+    file = BagFile(folder)
+    return file.decode(file.first("/initialpose") or b"", POSE_COVARIANCE)

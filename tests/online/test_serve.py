@@ -90,6 +90,14 @@ def test_a_scan_of_floats_gets_its_fix(server: Server) -> None:
     assert server.ask(upside_down, body_T_lidar="0,0,1.3,180,0,0").json()["verdict"] == "accepted"
 
 
+def test_a_prior_is_taken_and_a_wrong_one_changes_no_answer(server: Server) -> None:
+    x_m, y_m = scan()[1][:2, 3]
+    for prior in (f"{x_m + 3},{y_m}", f"{x_m - 900},{y_m}"):
+        found = server.ask(floats(), prior=prior, prior_sigma="3").json()
+        assert found["verdict"] == "accepted"
+        assert np.hypot(found["x"] - x_m, found["y"] - y_m) < 0.1
+
+
 def test_a_cloud_as_ros_sends_it(server: Server, tmp_path: Path) -> None:
     with BagWriter(tmp_path / "day", "mcap") as bag:
         cloud(bag, 1_700_000_000_500_000_000, "lidar", scan()[0])
@@ -130,10 +138,15 @@ def test_a_body_that_is_no_scan_is_refused_in_a_line(
         ({"strict": "yes"}, "strict='yes': expected true or false"),
         (
             {"lift": 1.3},
-            "?lift: no such option; expected target_precision, strict, lift_m or body_T_lidar",
+            "?lift: no such option; expected target_precision, strict, lift_m, body_T_lidar, prior or "
+            "prior_sigma",
         ),
         ({"body_T_lidar": "0,0,x"}, "body_T_lidar=0,0,x: expected x,y,z,roll,pitch,yaw in metres"),
         ({"body_T_lidar": "0,0,1,0,0,0", "lift_m": 1}, "lift_m: not with body_T_lidar"),
+        ({"prior": "1"}, "prior=1: expected x,y or x,y,heading in metres and degrees"),
+        ({"prior": "1,nan"}, "prior: its pose has numbers that are not finite"),
+        ({"prior": "1,2", "prior_sigma": "0"}, "prior: standard deviations of 0 m"),
+        ({"prior_sigma": "3"}, "prior_sigma=3: needs prior"),
         ({"lift_m": "nan"}, "lift_m='nan': expected a number"),
     ],
 )
