@@ -84,9 +84,10 @@ def filtered(day: Day, rows: NDArray[np.int64], rng: np.random.Generator, drift:
         1 - day.novelty[rows],
         np.zeros(len(rows), bool),
         none,
+        TARGET_PRECISION * (day.novelty[rows] < day.pose_thresholds),
     )
     estimates = Filter().along(track)
-    return estimates.probability >= TARGET_PRECISION, OF_SCANS.right(
+    return estimates.accepted(TARGET_PRECISION), OF_SCANS.right(
         estimates.world_T_query, day.world_T_true[rows]
     )
 

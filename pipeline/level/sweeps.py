@@ -79,6 +79,8 @@ class Gatherer:
 
     corrects_odometry: bool = True
     """Whether each step of odometry is corrected by matching."""
+    matched_step: NDArray[np.float64] | None = None
+    """The last step (3, 3), corrected by matching; None if its sweep was not joined."""
     _hits: deque[NDArray[np.float64]] = field(default_factory=lambda: deque(maxlen=MOST_SWEEPS))
     """The hits (n, 2) of each remembered sweep, in its own frame."""
     _poses: deque[NDArray[np.float64]] = field(default_factory=lambda: deque(maxlen=MOST_SWEEPS))
@@ -94,13 +96,15 @@ class Gatherer:
         be joined with them.
         """
         hits = flat(points_m)
+        self.matched_step = None
         if step is None or not np.isfinite(step).all() or not self._hits:
             self._unjoined.clear()
             self._start(hits)
             return
         previous_T_sweep = np.eye(3)
         previous_T_sweep[:2] = step[:2][:, [0, 1, 3]]  # the part of the step in the plane
-        start_T_sweep = self._poses[-1] @ previous_T_sweep
+        last_pose = self._poses[-1]
+        start_T_sweep = last_pose @ previous_T_sweep
         # the last sweep was remembered as the newest; it stays only if the robot had moved
         if len(self._hits) > 1 and not _has_moved(self._poses[-2], self._poses[-1]):
             self._hits.pop()
@@ -112,6 +116,7 @@ class Gatherer:
                 self._start(hits)
                 return
             start_T_sweep = matched_pose
+            self.matched_step = np.linalg.inv(last_pose) @ matched_pose
         self._hits.append(hits)
         self._poses.append(start_T_sweep)
 

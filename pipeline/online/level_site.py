@@ -139,6 +139,7 @@ class SweepDrive:
 
     def __init__(self, over_m: float) -> None:
         self._over_m = over_m
+        self.new_view_m = over_m  # sweeps that are gathered twice are no new evidence
         self._gatherer = Gatherer()
 
     def query(self, points_m: NDArray[np.float64], step: NDArray[np.float64] | None) -> Gathered:
@@ -147,10 +148,18 @@ class SweepDrive:
         return self._gatherer.gathered(self._over_m)
 
     def step(self, step: NDArray[np.float64] | None, took_s: float | None) -> Step:
-        """The step by odometry (4, 4); without odometry the robot may be anywhere."""
+        """The step by odometry (4, 4), corrected by matching the sweep of the last `query`.
+
+        Without odometry the robot may be anywhere.
+        """
         if step is None or not np.isfinite(step).all():
             return Step(np.eye(4), is_anywhere=True)
-        return Step(step)
+        matched = self._gatherer.matched_step
+        if matched is None:
+            return Step(step)
+        before_T_now = np.eye(4)
+        before_T_now[:2, [0, 1, 3]] = matched[:2]
+        return Step(before_T_now)
 
     def note_fix(self, world_T_robot: NDArray[np.float64], time_s: float) -> None:
         """Do nothing: no motion is predicted."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.frames import distance_and_turn
+from pipeline.paths.belief import NEW_VIEW_M
 
 SHORTEST_S = 0.02
 LONGEST_S = 5.0
@@ -144,6 +145,8 @@ class Drive(Protocol):
     widens: bool
     """Whether the covariance of a fix is widened by how far the fix may have slipped from the
     belief."""
+    new_view_m: float
+    """How far the robot must move until its next query is a view of its own."""
 
     def query(self, points_m: NDArray[np.float64], step: NDArray[np.float64] | None) -> Any:
         """The query for the next scan, which is a `step` (4, 4) of odometry from the last scan."""
@@ -163,6 +166,7 @@ class ScanDrive:
 
     counts_no_pose = True
     widens = True
+    new_view_m = NEW_VIEW_M
 
     def __init__(self) -> None:
         self._motion = Motion()

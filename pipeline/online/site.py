@@ -402,20 +402,6 @@ class Site:
         ]
         return verdict, max(met_precisions, default=None)
 
-    def precisions_along_path(self, fix: Fix, probability: float, by_path: bool) -> list[float]:
-        """The target precisions at which a fix is accepted, given all scans before.
-
-        `probability` is the probability that it is right, given these scans. Unless the fix may be
-        accepted `by_path`, it must be accepted at the target precision by its own scan too.
-        """
-        accepted_alone_at = fix.accepted_at or 0.0
-        return [
-            target_precision
-            for target_precision in self.target_precisions
-            if probability >= target_precision
-            and (by_path or target_precision <= accepted_alone_at)
-        ]
-
     @property
     def path_m(self) -> NDArray[np.float64] | None:
         """The training path (n, 3) in metres in the world; None if the site has no path."""

@@ -4,13 +4,14 @@ For each scan a `Tracker`
 
 1. moves its belief (paths/belief.py) by the step of odometry since the last scan. Without odometry
    it predicts the step (motion.py), or forgets the robot if it may be anywhere;
-2. registers the scan at the predicted pose if the robot is tracked, in the whole map if it is lost;
+2. registers the scan at the predicted pose if the robot is tracked;
 3. judges the fix by the belief, which combines all scans so far;
-4. tracks the robot from an accepted fix on. After PATIENCE scans without an accepted fix the robot
-   is lost.
+4. searches the whole map if the robot is lost or this fix is not accepted, and judges again;
+5. tracks the robot from an accepted fix on. It is lost after PATIENCE scans without an accepted
+   fix, or after one that its scan alone accepts elsewhere; nothing of what was believed is kept.
 
-A track starts only from a fix that is accepted by its own scan alone. Until the robot has moved on
-from there, every other fix must be accepted by its own scan too.
+A fix is accepted as `Belief.most_precise` says: a track starts only from a fix that is accepted by
+its own scan alone, and every further scan must agree with the map where it is accepted.
 """
 
 from collections import Counter
@@ -54,12 +55,11 @@ class Tracker:
         self.site = site
         self.is_tracking = is_tracking
         self._target_precision = site.kept_precision(target_precision, strict)
-        self.belief = Belief(site.description.verdict.unseen_share)
         self.steps = Counter[bool]()
         """The number of scans with odometry since the scan before (True), and without (False)."""
         self._drive = site.drive()
+        self.belief = self._no_belief()
         self._pose: NDArray[np.float64] | None = None  # world_T_robot; None if the robot is lost
-        self._start_views = 0  # the belief's views when the track started
         self._misses = 0  # scans in a row whose fix was not accepted, while tracked
         self._stamp_ns: int | None = None  # of the last scan
         self._time_s = 0.0  # of the last scan; scans without stamps are one second apart
@@ -78,8 +78,7 @@ class Tracker:
 
     def restart(self, prior: Prior | None = None) -> None:
         """Forget where the robot is; the next scan is localised with a prior, if there is one."""
-        self.belief = Belief(self.belief.unseen_share)
-        self._pose = None
+        self._lose()
         self._misses = 0
         self._drive.lose()
         self._prior = prior
@@ -130,14 +129,19 @@ class Tracker:
     ) -> Fix:
         """The fix of a query of the site, given all scans before."""
         predicted_pose = self._predict(step, took_s)
-        registered, is_tracked = self._find(query, predicted_pose, prior)
-        fix = self.site.judge_query(query, registered, self._target_precision, is_tracked)
-        fix = self._judged_along_path(fix, is_tracked)
+        fix = None
+        is_elsewhere = False
+        if predicted_pose is not None:
+            registered = self.site.track(query, predicted_pose)
+            fix, _ = self._judged(query, registered, is_tracked=True)
+        if fix is None or fix.verdict != "accepted":
+            registered = self.site.sought(query, self._target_precision, prior)
+            sought, is_accepted_alone = self._judged(query, registered, is_tracked=False)
+            is_elsewhere = is_accepted_alone and sought.verdict != "accepted"
+            fix = sought if fix is None or sought.verdict != "no pose" else fix
         if fix.verdict != "no pose" and fix.probability >= LIKELY:
             self._drive.note_fix(fix.world_T_sensor, self._time_s)
         if fix.verdict == "accepted":
-            if not is_tracked:
-                self._start_views = self.belief.views
             self._pose = fix.world_T_sensor
             self._misses = 0
             return fix
@@ -145,10 +149,14 @@ class Tracker:
         is_missed = fix.verdict != "no pose" or self._drive.counts_no_pose
         if predicted_pose is not None and is_missed:
             self._misses += 1
-            if self._misses >= PATIENCE:
-                self._pose = None
-                self._drive.lose()
+            if is_elsewhere or self._misses >= PATIENCE:
+                self._lose()
         return fix
+
+    def _lose(self) -> None:
+        """Forget where the robot is."""
+        self._pose = None
+        self.belief = self._no_belief()
 
     def _predict(
         self, step: NDArray[np.float64] | None, took_s: float | None
@@ -158,23 +166,25 @@ class Tracker:
         if is_anywhere:
             # the belief says nothing of where the robot has gone
             self._pose = None
-            self.belief = Belief(self.belief.unseen_share)
+            self.belief = self._no_belief()
         self.belief.move(before_T_now, deviations)
         return None if self._pose is None else self._pose @ before_T_now
 
-    def _find(
-        self, query: Any, predicted_pose: NDArray[np.float64] | None, prior: Prior | None
-    ) -> tuple[AnyFix, bool]:
-        """Register a query at a predicted pose (4, 4), or in the whole map.
+    def _no_belief(self) -> Belief:
+        """The belief about a robot that may be anywhere."""
+        return Belief(
+            self.site.description.verdict.unseen_share,
+            self.site.claim_judge.tolerances.right_within,
+            self._drive.new_view_m,
+        )
 
-        The whole map is searched if no pose is predicted, or if nothing fits there and the robot
-        would be lost. Returns also whether it was registered at the predicted pose.
+    def _judged(self, query: Any, registered: AnyFix, is_tracked: bool) -> tuple[Fix, bool]:
+        """The fix of a registered query, and whether its own scan accepts it.
+
+        `is_tracked` says that it was sought at a prediction.
         """
-        if predicted_pose is not None:
-            registered = self.site.track(query, predicted_pose)
-            if registered.hypotheses or self._misses + 1 < PATIENCE:
-                return registered, True
-        return self.site.sought(query, self._target_precision, prior), False
+        alone = self.site.judge_query(query, registered, self._target_precision, is_tracked)
+        return self._judged_along_path(alone, is_tracked), alone.verdict == "accepted"
 
     def _judged_along_path(self, fix: Fix, is_tracked: bool) -> Fix:
         """The fix of a scan, judged by all scans so far."""
@@ -183,9 +193,17 @@ class Tracker:
         probability_by_scan = float(
             np.clip(fix.probability, LEAST_PROBABILITY, 1 - LEAST_PROBABILITY)
         )
-        probability = self.belief.see(fix.world_T_sensor, probability_by_scan, is_tracked)
-        by_path = is_tracked and self.belief.views > self._start_views
-        met_precisions = self.site.precisions_along_path(fix, probability, by_path)
+        # of a fix that was sought at a prediction, its own scan says nothing of rivals elsewhere
+        accepted_alone_at = 0.0 if is_tracked else fix.accepted_at or 0.0
+        probability = self.belief.see(
+            fix.world_T_sensor, probability_by_scan, is_tracked, accepted_alone_at
+        )
+        most_precise = self.belief.most_precise(probability_by_scan, accepted_alone_at)
+        met_precisions = [
+            target_precision
+            for target_precision in self.site.target_precisions
+            if target_precision <= most_precise
+        ]
         verdict: VerdictName = (
             "accepted" if self._target_precision in met_precisions else "rejected"
         )

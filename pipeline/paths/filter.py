@@ -11,23 +11,31 @@ from pipeline.paths.tracks import Estimates, Track
 @dataclass(frozen=True)
 class Filter:
     """Takes the likeliest pose of a `Belief`, as a robot does while it drives: the query's own fix,
-    or an earlier fix carried on by odometry."""
+    or an earlier fix carried on by odometry.
+
+    Only the query's own fix may be accepted, so that the scan at hand agrees with the map there,
+    and only as `Belief.most_precise` says.
+    """
 
     def along(self, track: Track) -> Estimates:
         """Estimate each query from the fixes up to it; a break in odometry resets the belief."""
         poses = np.full_like(track.world_T_query, np.nan)
         probabilities = np.zeros(len(track.probability))
-        belief = Belief()
+        most_precise = np.zeros(len(track.probability))
+        belief = Belief(new_view_m=track.new_view_m)
         for row, fix in enumerate(track.world_T_query):
             if row and np.isfinite(track.steps[row - 1]).all():
                 belief.move(track.steps[row - 1])
             else:
-                belief = Belief()
+                belief = Belief(new_view_m=track.new_view_m)
             if np.isfinite(fix).all():
                 probability = np.clip(
                     track.probability[row], LEAST_PROBABILITY, 1 - LEAST_PROBABILITY
                 )
-                belief.see(fix, float(probability))
+                accepted_at = float(track.accepted_at[row])
+                belief.see(fix, float(probability), accepted_at=accepted_at)
             if best := belief.best():  # none before the first fix
                 poses[row], probabilities[row] = best
-        return Estimates(poses, probabilities)
+                if np.array_equal(poses[row], fix):
+                    most_precise[row] = belief.most_precise(float(probability), accepted_at)
+        return Estimates(poses, probabilities, most_precise)

@@ -62,7 +62,7 @@ class Graph:
                     track, stretch, fix_rows, agreeing_rows
                 )
                 probabilities[stretch] = probability_right * probability_within
-        return Estimates(poses, probabilities)
+        return Estimates(poses, probabilities, probabilities)
 
     def agreeing_fixes(
         self, track: Track, fix_rows: NDArray[np.int64]

@@ -36,4 +36,4 @@ class Odometry:
                 driven_m = 0.0
                 probability = float(track.probability[row])
                 probabilities[row] = probability
-        return Estimates(poses, probabilities)
+        return Estimates(poses, probabilities, probabilities)

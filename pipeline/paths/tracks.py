@@ -5,6 +5,7 @@ artifact with other poses: a `Path` (filter, odometry or graph, each in its own 
 query's pose from the track. They are a further variant of the method.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
@@ -17,6 +18,7 @@ from pipeline.core.frames import Poses, turns, yaw
 from pipeline.core.schemas import Fixes
 from pipeline.matching.places import Places
 from pipeline.matching.rejection import ACCEPT_NOTHING
+from pipeline.paths.belief import NEW_VIEW_M
 from pipeline.perturbations import read_cases
 from pipeline.posing.answers import put_first
 
@@ -36,6 +38,10 @@ class Track:
     covariance: NDArray[np.float64]
     """(q, 6, 6) covariance of the fix: of a small turn in radians, then of a step in metres, in the
     query's frame."""
+    accepted_at: NDArray[np.float64]
+    """(q,) the highest target precision at which the fix is accepted; 0 if there is none."""
+    new_view_m: float = NEW_VIEW_M
+    """A robot that has moved by less has the same view: the same scans, if scans are gathered."""
 
     @cached_property
     def steps(self) -> Poses:
@@ -54,6 +60,27 @@ class Estimates:
     """(q, 4, 4) poses; NaN for a query without an estimate."""
     probability: NDArray[np.float64]
     """(q,) the probability that the pose is right: within 2 m and 5°."""
+    most_precise: NDArray[np.float64]
+    """(q,) the highest target precision at which the pose is accepted; 0 if it is rejected, however
+    probable it is."""
+
+    def accepted(self, target_precision: float) -> NDArray[np.bool_]:
+        """Which estimates (q,) are accepted at a target precision."""
+        return self.most_precise >= target_precision
+
+    def novelty(self, target_precisions: Sequence[float]) -> NDArray[np.float32]:
+        """One minus the probability (q,), moved so that it agrees with what is accepted.
+
+        For each target precision, it is below one minus this just if the estimate is accepted.
+        """
+        novelty = (1 - self.probability).astype(np.float32)
+        for target_precision in target_precisions:
+            threshold = np.float32(1 - target_precision)
+            # the next float32 on either side, whichever way the threshold itself is rounded
+            accepted = self.accepted(target_precision)
+            novelty[accepted] = novelty[accepted].clip(max=np.nextafter(threshold, np.float32(0)))
+            novelty[~accepted] = novelty[~accepted].clip(min=np.nextafter(threshold, np.float32(1)))
+        return novelty
 
 
 class Path(Protocol):
@@ -63,11 +90,18 @@ class Path(Protocol):
         """Estimate the pose of each query of a track."""
 
 
-def joined(fixes: Fixes, odom_T_anchor: Poses, path: Path, places: Places) -> Fixes:
+def joined(
+    fixes: Fixes,
+    odom_T_anchor: Poses,
+    path: Path,
+    places: Places,
+    new_view_m: float = NEW_VIEW_M,
+) -> Fixes:
     """The fixes of one sequence, with estimates along its path in place of the single poses.
 
-    The queries of each case (pipeline/perturbations) are one drive. An estimate is accepted if its
-    probability exceeds the target precision, since no validation blocks give a better threshold.
+    The queries of each case (pipeline/perturbations) are one drive. An estimate may be accepted if
+    its probability is at least the target precision, since no validation blocks give a better
+    threshold. A robot that has moved by less than `new_view_m` has the same view.
     Raises InputError if fixes and odometry (n, 4, 4) are not of the same n submaps.
     """
     cases = len(read_cases(fixes.cases))
@@ -81,10 +115,10 @@ def joined(fixes: Fixes, odom_T_anchor: Poses, path: Path, places: Places) -> Fi
     novelty = fixes.novelty.copy()
     for case in range(cases):
         rows = slice(case * n, (case + 1) * n)
-        estimates = path.along(_track(fixes, rows, odom_T_anchor))
+        estimates = path.along(_track(fixes, rows, odom_T_anchor, new_view_m))
         world_T_query[rows] = estimates.world_T_query
         probability[rows] = estimates.probability
-        novelty[rows, 0] = 1 - estimates.probability
+        novelty[rows, 0] = estimates.novelty(fixes.target_precisions)
     # the other two claims, place and several, were judged at the pose of the query's own fix
     accept_nothing = (ACCEPT_NOTHING,) * len(fixes.target_precisions)
     return replace(
@@ -102,16 +136,23 @@ def joined(fixes: Fixes, odom_T_anchor: Poses, path: Path, places: Places) -> Fi
     )
 
 
-def _track(fixes: Fixes, rows: slice, odom_T_anchor: Poses) -> Track:
+def _track(fixes: Fixes, rows: slice, odom_T_anchor: Poses, new_view_m: float) -> Track:
     """The track of one case, whose queries are `rows`; its odometry is turned like the queries."""
     turn_rad = np.deg2rad(fixes.turned_deg[rows].astype(np.float64))
     error_probability = fixes.novelty[rows, 0].astype(np.float64)
+    accepted_at = np.zeros(len(error_probability))
+    for target_precision, threshold in sorted(
+        zip(fixes.target_precisions, fixes.pose_thresholds, strict=True)
+    ):
+        accepted_at[error_probability < threshold] = target_precision
     return Track(
         odom_T_anchor @ turns(turn_rad),
         fixes.world_T_query[rows],
         1 - error_probability,
         error_probability < fixes.reject_from(),
         fixes.covariance[rows],
+        accepted_at,
+        new_view_m,
     )
 
 

@@ -109,21 +109,30 @@ def test_odometry_that_was_set_back_does_not_carry_a_robot_off(site: Site) -> No
         np.testing.assert_allclose(fix.world_T_sensor, ANCHORS[0] @ planar(0.5 * i, 0, 0), atol=0.1)
 
 
-def test_a_robot_that_is_carried_off_is_lost_and_found(site: Site) -> None:
+def test_a_robot_that_is_carried_off_is_sought_everywhere_at_once(site: Site) -> None:
+    """Its first scan elsewhere does not fit where it is believed to be."""
     tracker = Tracker(site)
     for i in range(3):
         tracker.localize(seen(0, 0.5 * i), planar(0.5, 0, 0))
-    modes = []
-    verdicts = []
-    for i in range(PATIENCE + 5):
+    for i in range(4):
         fix = tracker.localize(seen(2, 0.5 * i), planar(0.5, 0, 0))
-        modes.append(tracker.mode)
         away_m = np.linalg.norm(fix.world_T_sensor[:2, 3] - ANCHORS[2, :2, 3])
-        verdicts.append((fix.verdict, bool(away_m < 10)))
-    assert modes[:2] == ["tracking", "tracking"]
-    assert "lost" in modes
-    assert verdicts[-1] == ("accepted", True)
-    assert ("accepted", False) not in verdicts
+        assert away_m < 10
+    assert (fix.verdict, tracker.mode) == ("accepted", "tracking")
+
+
+def test_a_robot_is_lost_after_scans_that_fit_nowhere(site: Site) -> None:
+    tracker = Tracker(site)
+    for i in range(3):
+        tracker.localize(seen(0, 0.5 * i), planar(0.5, 0, 0))
+    rng = np.random.default_rng(0)
+    modes = []
+    for _ in range(PATIENCE):
+        nothing = rng.uniform(-20, 20, (3000, 3))
+        assert tracker.localize(nothing, planar(0.5, 0, 0)).verdict != "accepted"
+        modes.append(tracker.mode)
+    assert modes == ["tracking"] * (PATIENCE - 1) + ["lost"]
+    assert tracker.belief.best() is None
 
 
 def test_a_track_starts_only_from_a_fix_that_its_own_scan_accepts(site: Site) -> None:

@@ -181,3 +181,47 @@ def test_a_path_is_not_forgotten_while_the_robot_stands() -> None:
 def test_the_probability_to_be_right_after_a_drift() -> None:
     # A pose is right within 2 m: two deviations of 1 m, which .9545 of all cases are within.
     assert still_right(np.array([0.0, 1.0])) == pytest.approx([1.0, 0.9545], abs=1e-4)
+
+
+def test_a_level_pose_agrees_within_a_metre_and_ten_degrees() -> None:
+    for pose, agrees in (
+        (planar(0.9, 0, 8), True),
+        (planar(1.1, 0, 0), False),
+        (planar(0, 0, 12), False),
+    ):
+        belief = Belief(right_within=(1.0, 10.0))
+        belief.see(planar(0, 0, 0), 0.9)
+        belief.move(planar(0, 0.6, 0))  # drifts by 9 cm and .2° at most, of which 1 m is short
+        probability = belief.see(planar(0, 0.6, 0) @ pose, 0.9)
+        assert (probability > 0.9) == agrees
+
+
+def test_gathered_scans_that_overlap_are_one_view() -> None:
+    """Sweeps are gathered over 5 m: of fixes a metre apart every fifth is a view of its own."""
+    belief = Belief(new_view_m=5.0)
+    probabilities = []
+    for x_m in range(11):
+        probabilities.append(belief.see(planar(x_m, 0, 0), 0.7))
+        belief.move(planar(1, 0, 0))
+    assert belief.views == 3
+    assert probabilities[:5] == pytest.approx([0.7] * 5)
+    assert probabilities[5] > 0.85
+    assert probabilities[5:10] == pytest.approx([probabilities[5]] * 5, abs=0.01)
+
+
+def test_a_track_starts_where_a_scan_alone_is_accepted_and_ends_where_fixes_disagree() -> None:
+    belief = Belief()
+    started_at = []
+    for x_m, accepted_at in ((0, 0.0), (1, 0.95), (2, 0.0), (3, 0.99), (4, 0.0), (300, 0.0)):
+        belief.see(planar(x_m, 0, 0), 0.9, accepted_at=accepted_at)
+        started_at.append(belief.started_at)
+        belief.move(planar(1, 0, 0))
+    assert started_at == [0.0, 0.95, 0.95, 0.99, 0.99, 0.0]
+
+
+def test_the_view_that_was_accepted_starts_no_track_for_the_same_view() -> None:
+    belief = Belief()
+    for accepted_at, started_at in ((0.99, 0.99), (0.0, 0.0)):
+        belief.see(planar(0, 0, 0), 0.9, accepted_at=accepted_at)
+        belief.move(planar(0.1, 0, 0))
+        assert belief.started_at == started_at

@@ -52,6 +52,7 @@ def track(fixed: list[int], probability: float = 0.995, scale: float = 1.0) -> T
         np.where(has_fix, probability, 0.0),
         has_fix,
         np.tile(1e-4 * np.eye(6), (N, 1, 1)),
+        0.99 * has_fix,
     )
 
 
@@ -89,6 +90,61 @@ def test_a_filter_accepts_no_single_perceptual_alias():
     assert FILTER.along(seen).world_T_query[31] == pytest.approx(TRUE[31], abs=0.2)
 
 
+def test_a_filter_accepts_no_pose_that_the_querys_own_scan_does_not_show():
+    """Rows 20 to 39 have no fix, or one across the circle: odometry alone gives poses there."""
+    none = track([row for row in range(N) if not 20 <= row < 40])
+    across = track(list(range(N)))
+    across.world_T_query[20:40] = np.roll(TRUE, 20, axis=0)[20:40]
+    across.probability[20:40] = 0.3
+    unlikely = track(list(range(N)))
+    unlikely.probability[20:40] = 0.4  # more probably wrong than right by its own scan
+    for seen in (none, across, unlikely):
+        seen.accepted_at[20:40] = 0.0
+        found = FILTER.along(seen)
+        accepted = found.accepted(0.99)
+        assert found.world_T_query[25] == pytest.approx(TRUE[25], abs=0.2)
+        assert accepted[10:20].all()
+        assert not accepted[20:40].any()
+        assert accepted[-10:].all()
+    assert FILTER.along(unlikely).probability[25] > 0.99
+
+
+def test_a_track_of_a_filter_starts_only_from_a_fix_that_its_own_scan_accepts():
+    seen = track(list(range(N)), probability=0.9)
+    seen.accepted_at[:] = 0.0
+    found = FILTER.along(seen)
+    assert (found.probability[10:] > 0.99).all()
+    assert not found.accepted(0.95).any()
+    seen.accepted_at[30] = 0.95
+    found = FILTER.along(seen)
+    assert not found.accepted(0.95)[:30].any()
+    assert found.accepted(0.95)[30:].all()
+    assert not found.accepted(0.99).any()  # a track is no more precise than its start
+
+
+def test_a_filter_accepts_no_pose_of_a_robot_that_was_carried_off_unseen():
+    """At row 40 the robot is set down across the circle; its odometry goes on as if it had not."""
+    seen = track(list(range(N)))
+    seen.world_T_query[40:] = np.roll(TRUE, 10, axis=0)[40:]
+    found = FILTER.along(seen)
+    off = np.linalg.norm((found.world_T_query - seen.world_T_query)[:, :2, 3], axis=1)
+    assert found.accepted(0.99)[5:40].all()
+    assert off[40] > 10  # it is still believed on its way, and rejected
+    assert not found.accepted(0.99)[40]
+    assert (off[found.accepted(0.99)] < 2).all()
+    assert found.accepted(0.99)[45:].all()
+
+
+def test_a_filter_of_a_robot_that_stands_accepts_no_more_than_its_scan():
+    seen = track(list(range(N)), probability=0.9)
+    seen.odom_T_query[:] = np.eye(4)
+    seen.world_T_query[:] = TRUE[0]
+    seen.accepted_at[1:] = 0.0
+    found = FILTER.along(seen)
+    assert found.probability == pytest.approx(np.full(N, 0.9))
+    assert np.flatnonzero(found.accepted(0.95)).tolist() == [0]
+
+
 def test_a_graph_corrects_the_odometry_between_fixes_before_and_after():
     seen = track([*range(0, N, 10), N - 1], scale=1.03)
     alone = off_m(ODOMETRY, seen)
@@ -124,7 +180,7 @@ def test_nothing_is_carried_over_a_gap_in_the_odometry(path: Path):
 
 
 def test_the_fixes_of_a_drive_are_replaced_by_estimates(tmp_path: Path) -> None:
-    """A query without a fix gets its neighbour's, moved by odometry, and is accepted.
+    """A query without a fix gets its neighbour's, moved by odometry, and is rejected.
 
     Its first place is the cell that this pose lies in.
     """
@@ -168,7 +224,12 @@ def test_the_fixes_of_a_drive_are_replaced_by_estimates(tmp_path: Path) -> None:
     store.write(tmp_path / "again.zarr", fixes)
     assert fixes.world_T_query[22] == pytest.approx(TRUE[22], abs=0.2)
     assert fixes.places[22].tolist()[0] == places.at(TRUE[22:23, :2, 3])[0]
-    assert fixes.novelty[22, 0] < fixes.pose_thresholds[1] == pytest.approx(0.01)
+    assert fixes.pose_thresholds == pytest.approx([0.05, 0.01, 0.001])
+    assert fixes.novelty[22, 0] > fixes.pose_thresholds[0]
+    assert fixes.confidence[22] > 0.99
+    # the fix of row 50 is accepted at .99 alone, since 1 − .995 is below .6 but not below 0
+    assert fixes.confidence[50] > 0.999
+    assert fixes.pose_thresholds[2] < fixes.novelty[50, 0] < fixes.pose_thresholds[1]
     assert fixes.novelty[22, 1] == columns["novelty"][22, 1]
     assert fixes.thresholds == pytest.approx([0.1, 0.5])
     assert np.isnan(fixes.covariance).all()
