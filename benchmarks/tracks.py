@@ -223,10 +223,10 @@ def day_rows(artifacts: Path, model: str, name: str, rows: Sequence[str]) -> Ite
         alone = alone_answers(day, shown)
         tracked = filtered_answers(day, shown)
         if row == "off":
-            shown, alone, tracked = (
-                type(part)(*(values[nearest_m > OFF_M] for values in part))
-                for part in (shown, alone, tracked)
-            )
+            is_off = nearest_m > OFF_M
+            shown = Shown(shown.rows[is_off], shown.starts[is_off], shown.jumps[is_off])
+            alone = Answers(*(values[is_off] for values in alone))
+            tracked = Answers(*(values[is_off] for values in tracked))
         yield [name, row, *cells(alone, tracked, shown, day.passed_m)]
 
 
@@ -251,7 +251,7 @@ def filtered_answers(day: Day, shown: Shown) -> Answers:
             1 - day.novelty[rows],
             day.novelty[rows] < day.pose_thresholds,
             np.zeros((len(rows), 6, 6)),
-            TARGET_PRECISION * (day.novelty[rows] < day.pose_thresholds),
+            np.where(day.novelty[rows] < day.pose_thresholds, TARGET_PRECISION, 0.0),
         )
         estimates = Filter().along(track)
         right = OF_SCANS.right(estimates.world_T_query, day.world_T_true[rows])
