@@ -84,7 +84,7 @@ def filtered(day: Day, rows: NDArray[np.int64], rng: np.random.Generator, drift:
         1 - day.novelty[rows],
         np.zeros(len(rows), bool),
         none,
-        np.where(day.novelty[rows] < day.pose_thresholds, TARGET_PRECISION, 0.0),
+        np.where(day.novelty[rows] < day.reject_from, TARGET_PRECISION, 0.0),
     )
     estimates = Filter().along(track)
     return estimates.accepted(TARGET_PRECISION), OF_SCANS.right(

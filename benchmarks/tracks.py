@@ -233,7 +233,7 @@ def day_rows(artifacts: Path, model: str, name: str, rows: Sequence[str]) -> Ite
 def alone_answers(day: Day, shown: Shown) -> Answers:
     """The fix of each query by itself."""
     right = OF_SCANS.right(day.world_T_query[shown.rows], day.world_T_true[shown.rows])
-    return Answers(day.novelty[shown.rows] < day.pose_thresholds, right, np.zeros_like(right))
+    return Answers(day.novelty[shown.rows] < day.reject_from, right, np.zeros_like(right))
 
 
 def filtered_answers(day: Day, shown: Shown) -> Answers:
@@ -249,9 +249,9 @@ def filtered_answers(day: Day, shown: Shown) -> Answers:
             np.array(odom),
             day.world_T_query[rows],
             1 - day.novelty[rows],
-            day.novelty[rows] < day.pose_thresholds,
+            day.novelty[rows] < day.reject_from,
             np.zeros((len(rows), 6, 6)),
-            np.where(day.novelty[rows] < day.pose_thresholds, TARGET_PRECISION, 0.0),
+            np.where(day.novelty[rows] < day.reject_from, TARGET_PRECISION, 0.0),
         )
         estimates = Filter().along(track)
         right = OF_SCANS.right(estimates.world_T_query, day.world_T_true[rows])
