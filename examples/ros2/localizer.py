@@ -14,7 +14,9 @@ starts: when the robot is first found, and each time that it is found again afte
 
 Parameters, with their defaults:
 
-- target_precision (0.99): accept only poses that are right with at least this probability;
+- target_precision (0.99): accept only poses that are right with at least this probability; if the
+  site cannot keep it, the node says so and keeps the largest below it that it can;
+- strict (false): whether to stop instead;
 - lift_m (0): raises the points by metres, so that the ground is at z = 0;
 - body_T_lidar (none): instead of lift_m, the pose of the lidar in the frame that odometry moves, as
   x,y,z,roll,pitch,yaw in metres and degrees;
@@ -78,8 +80,9 @@ class Localizer:
         target_precision: float = 0.99,
         lift_m: float = 0.0,
         body_T_lidar: str = "",
+        strict: bool = False,
     ) -> None:
-        self._tracker = Tracker(site, target_precision)
+        self._tracker = Tracker(site, target_precision, strict=strict)
         self._points = sweep_points if site.is_level else decode
         self._odometry = Newest()
         self._body_T_lidar = (
@@ -155,6 +158,12 @@ def teller(
     return told
 
 
+def warn_of_kept(node: Any, site: Site, target_precision: float) -> None:
+    """Log which precision the site keeps instead of the wanted one, if it cannot keep that."""
+    if words := site.kept_words(target_precision):
+        node.get_logger().warning(words)
+
+
 def main() -> None:
     import rclpy
     from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
@@ -171,20 +180,22 @@ def main() -> None:
     odom_frame = ""
     defaults = {
         "target_precision": 0.99,
+        "strict": False,
         "lift_m": 0.0,
         "body_T_lidar": "",
         "frame": "map",
         "odometry": "",
         "tf": False,
     }
-    target_precision, lift_m, body_T_lidar, frame, odometry, tf = (
+    target_precision, strict, lift_m, body_T_lidar, frame, odometry, tf = (
         node.declare_parameter(name, defaults[name]).value for name in defaults
     )
     try:
         site = Site.open(remove_ros_args(sys.argv)[1])
-        localizer = Localizer(site, target_precision, lift_m, body_T_lidar)
+        localizer = Localizer(site, target_precision, lift_m, body_T_lidar, strict)
     except YearlocError as error:
         sys.exit(f"yearloc: {error}")
+    warn_of_kept(node, site, target_precision)
     publisher = node.create_publisher(PoseWithCovarianceStamped, "fix", 10)
     initial = (
         node.create_publisher(PoseWithCovarianceStamped, "/initialpose", 10)

@@ -8,6 +8,10 @@ from collections.abc import Iterable
 
 from pipeline.core.errors import InputError
 
+JUDGED_PRECISION = 0.99
+"""The precision that is wanted by default, and at which results and pictures judge poses. Where it
+cannot be kept, they judge at the largest one below it that can be."""
+
 
 def kept_precision(reachable: Iterable[float], wanted: float | None) -> float | None:
     """The precision that is kept for a wanted one: the largest reachable one up to it.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
 from pipeline.core.frames import travelled_m
-from pipeline.core.precisions import kept_precision
+from pipeline.core.precisions import JUDGED_PRECISION, kept_precision
 from pipeline.core.store import Array, Artifact
 
 SINCE_1970 = "nanoseconds since 1970-01-01"
@@ -461,9 +461,6 @@ class Rankings(SequenceRanking, kind="rankings", version=6):
     ]
 
 
-JUDGED_PRECISION = 0.99
-"""The wanted precision at which results and pictures judge poses. Where it cannot be kept, they
-judge at the largest one below it that can be."""
 REJECT_ALL = -1.0
 """The novelty from which poses are rejected if no precision can be kept: no novelty is below 0."""
 

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import ArtifactError
 from pipeline.core.frames import LEVEL_RIGHT_WITHIN
-from pipeline.core.schemas import JUDGED_PRECISION, Cases
+from pipeline.core.precisions import JUDGED_PRECISION
+from pipeline.core.schemas import Cases
 from pipeline.core.store import Array, Artifact, Stack
 from pipeline.evaluation.bootstrap import Estimate, blocks
 from pipeline.evaluation.caveats import CAVEATS, DEGENERATE, caveats
@@ -174,8 +175,13 @@ class Evaluation:
     reject_from: Annotated[tuple[float, ...], "novelty from which the model rejects, for each kind"]
     reject_pose_from: Annotated[
         float,
-        "novelty from which a pose is rejected: the threshold for the target precision "
-        f"{JUDGED_PRECISION:g}; null for a method that gives no poses",
+        "novelty from which a pose is rejected: the threshold for kept_precision; null for a "
+        "method that gives no poses",
+    ]
+    kept_precision: Annotated[
+        float,
+        f"the precision that accepted poses keep: {JUDGED_PRECISION:g}, or the largest target "
+        "precision below it that has a threshold; null if there is none, or no poses",
     ]
     right_within: Annotated[tuple[float, float], "metres and degrees within which a pose is right"]
     target_precision: Annotated[
@@ -190,8 +196,7 @@ class Evaluation:
     claims: Annotated[
         Mapping[str, float],
         "for each kind of WEAKER_VERDICTS, the novelty from which that weaker claim is rejected: "
-        f"the threshold for the target precision {JUDGED_PRECISION:g}; empty for a method that "
-        "gives no poses",
+        "the threshold for kept_precision; empty for a method that gives no poses",
     ]
     blind: Annotated[
         Mapping[str, float],
@@ -225,7 +230,7 @@ class Evaluation:
 
     @property
     def pose_accepted(self) -> NDArray[np.bool_]:
-        """Which poses (q,) are accepted at the target precision JUDGED_PRECISION.
+        """Which poses (q,) are accepted, at `kept_precision`.
 
         A missing pose has a novelty of 1, so it is never accepted.
         """
@@ -265,8 +270,7 @@ class Evaluation:
     def verdicts(self) -> dict[str, int]:
         """How many queries, seen or not, get each of VERDICTS.
 
-        Poses are accepted at the target precision JUDGED_PRECISION. Empty for a method without
-        poses.
+        Poses are accepted at `kept_precision`. Empty for a method without poses.
         """
         if not self.has_poses:
             return {}
@@ -352,7 +356,7 @@ class Evaluation:
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluations(Artifact, kind="evaluations", version=15):
+class Evaluations(Artifact, kind="evaluations", version=16):
     """The evaluations of a model on one test sequence, one for each case of its queries."""
 
     evaluations: Annotated[Sequence[Evaluation], Stack("case")]

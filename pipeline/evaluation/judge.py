@@ -25,6 +25,7 @@ from pipeline.core.frames import (
     wrapped_deg,
     yaw,
 )
+from pipeline.core.precisions import JUDGED_PRECISION
 from pipeline.core.schemas import Fixes, Labels, Rankings, SequenceRanking, Submaps
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.calibration import ece, probabilities
@@ -65,12 +66,14 @@ class PoseEstimates(NamedTuple):
     world_T_query: Poses
     """(q, 4, 4); NaN for a query without a pose."""
     reject_from: float
-    """A pose is rejected if its novelty is this or more: the threshold for a precision of .99."""
+    """A pose is rejected if its novelty is this or more: the threshold for `kept_precision`."""
     right_within: tuple[float, float] = RIGHT_WITHIN
     """Metres and degrees within which a pose is right."""
     covariance: NDArray[np.float64] | None = None
     """(q, 6, 6) of a small turn in radians, then of a step in metres, in the query's frame; NaN or
     infinite for a query without one."""
+    kept_precision: float = JUDGED_PRECISION
+    """The precision that accepted poses keep; NaN if none can be kept."""
 
     def squares(self, world_T_true: Poses) -> NDArray[np.float64]:
         """The squared error (q,) of each pose, normalised by its covariance; NaN without one.
@@ -126,11 +129,13 @@ def judge_cases(
         rows = slice(i * query_count, (i + 1) * query_count)
         estimates = None
         if isinstance(rankings, Fixes):
+            kept = rankings.kept_precision()
             estimates = PoseEstimates(
                 rankings.world_T_query[rows],
                 rankings.reject_from(),
                 rankings.right_within,
                 rankings.covariance[rows],
+                np.nan if kept is None else kept,
             )
         evaluation = judge(
             ranking=rankings.ranking(rows),
@@ -176,7 +181,8 @@ def judge(
     """
     _check(ranking, reject_from, labels, world_T_anchor)
     if estimates is None:
-        estimates = PoseEstimates(np.full(world_T_anchor.shape, np.nan), np.nan)
+        missing = np.full(world_T_anchor.shape, np.nan)
+        estimates = PoseEstimates(missing, np.nan, kept_precision=np.nan)
     queries = _queries(ranking, reject_from, labels, world_T_anchor, turned_deg, estimates)
     # An answer outside all places says: unseen. By cells such a query is always rejected.
     is_outside = ranking.places[:, :1] < 0
@@ -204,6 +210,7 @@ def judge(
         claims={},
         blind=blind(labels.places, labels.nearest_m, xy_m, distance),
         unsuited={},
+        kept_precision=estimates.kept_precision,
         target_precision=np.nan,
         validation_precision=(np.nan,) * len(ranking.kinds),
     )

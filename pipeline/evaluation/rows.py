@@ -144,7 +144,8 @@ def evaluation_rows(
     if evaluation.has_poses:
         verdicts = {f"{verdict}_99": count for verdict, count in evaluation.verdicts.items()}
         error = ece(evaluation.pose_probabilities, evaluation.pose_right)
-        yield from number_rows(columns, "distance", verdicts | {"pose_ece": error})
+        of_poses = {"pose_ece": error, "kept_precision": evaluation.kept_precision}
+        yield from number_rows(columns, "distance", verdicts | of_poses)
         yield from number_rows(columns, "distance", evaluation.in_ellipsoids)
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.core.precisions import JUDGED_PRECISION, shown
 from pipeline.inspection.inspection import Inspection, box, nbytes
 from pipeline.online.site_file import LevelParts, Parts, read_either
 from pipeline.online.site_json import (
@@ -118,8 +119,8 @@ def _class_name(settings: Settings) -> str:
 
 
 def _target_rows(verdict: Verdict) -> list[tuple[str, str]]:
-    """A row for each target precision: which fixes are accepted at it."""
-    rows = []
+    """A row for each threshold: at which target precisions it accepts which fixes."""
+    accepted_at: dict[str, list[float]] = {}
     # A fix is rejected from the novelty `threshold` on; it is 0 if the target precision cannot be
     # reached. A fix's novelty is one minus the probability that its pose is right.
     for target_precision, threshold in zip(
@@ -130,7 +131,10 @@ def _target_rows(verdict: Verdict) -> list[tuple[str, str]]:
             accepted = f"fixes with a novelty below {float(threshold):.3g}"
             if target_precision in verdict.usual:
                 accepted += f", by the usual probabilities: {NOT_CALIBRATED}"
-        rows.append((f"{target_precision:g}", accepted))
+        accepted_at.setdefault(accepted, []).append(target_precision)
+    rows = [(", ".join(map(shown, same)), accepted) for accepted, same in accepted_at.items()]
+    if kept := verdict.kept_words(JUDGED_PRECISION):
+        rows.append(("asked for .99", kept))
     return rows
 
 

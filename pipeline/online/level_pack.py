@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.core.errors import ArtifactError, InputError
+from pipeline.core.precisions import JUDGED_PRECISION
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import Scans
 from pipeline.formats import nav2_map
@@ -104,9 +105,11 @@ def _write(
     site_file.write(out, site_file.LevelParts(description, arrays))
     target_precisions = ", ".join(map(str, description.verdict.reachable)) or "none"
     blocks = verdict.validation_blocks
+    kept = verdict.kept_words(JUDGED_PRECISION)
     checked = f"checked on {blocks} validation blocks" if blocks else "not checked in this one"
     return (
         f"{out}: level, {level_map.free_m2:,.0f} m² of free space in cells of "
         f"{level_map.cell_m:g} m, {out.stat().st_size / 1e6:.1f} MB; target precisions "
         f"{target_precisions}, learned in three recorded buildings and {checked}"
+        f"{f'; {kept}' if kept else ''}"
     )

@@ -22,6 +22,7 @@ from pipeline.core.building import build, parsed
 from pipeline.core.compute import Compute
 from pipeline.core.errors import ConfigError
 from pipeline.core.grid import Grid
+from pipeline.core.precisions import JUDGED_PRECISION, shown
 from pipeline.core.progress import Progress
 from pipeline.level.validation import Sweeps
 from pipeline.mapping.gathering import submap_points
@@ -43,7 +44,7 @@ from pipeline.online.site_json import (
 from pipeline.posing.learned_verdict import VERDICT, Learned, basis
 from pipeline.posing.targets import write_map
 from pipeline.posing.validation import Drive, TrainingDay, ValidationBlocks
-from pipeline.posing.verdict import TARGET_PRECISIONS
+from pipeline.posing.verdict import Verdict
 from pipeline.running.dvc_files import DvcLock
 from pipeline.running.texts import read_yaml
 from pipeline.studies.layout import Layout
@@ -222,7 +223,7 @@ class Packing:
         places = f"{len(Places.of(labels).cells)} places, {len(arrays['world_T_anchor'])} submaps"
         return (
             f"{out}: {places}, {out.stat().st_size / 1e6:.1f} MB; by {verdict.validation_blocks} "
-            f"validation blocks it reaches the {_target_words(description.verdict.reachable)}"
+            f"validation blocks it reaches the {_target_words(description.verdict)}"
         )
 
     def _write_map(
@@ -272,14 +273,17 @@ def _method_and_variant(study: Study, name: str, model_name: str) -> tuple[Study
     return method, variant
 
 
-def _target_words(reached: tuple[float, ...]) -> str:
-    """Words that say which of TARGET_PRECISIONS a site reaches, and which not.
+def _target_words(verdict: Verdict) -> str:
+    """Words that say which target precisions a site reaches, which not, and what it keeps of .99.
 
-    TARGET_PRECISIONS are ascending, so the reached ones come first.
+    The target precisions are ascending, so the reached ones come first.
     """
-    words = f"target precisions {', '.join(map(str, reached)) or 'none'}"
-    if len(reached) < len(TARGET_PRECISIONS):
-        words += f", not {', '.join(map(str, TARGET_PRECISIONS[len(reached) :]))}"
+    reached, tried = verdict.reachable, verdict.target_precisions
+    words = f"target precisions {', '.join(map(shown, reached)) or 'none'}"
+    if len(reached) < len(tried):
+        words += f", not {', '.join(map(shown, tried[len(reached) :]))}"
+    if kept := verdict.kept_words(JUDGED_PRECISION):
+        words += f"; {kept}"
     return words
 
 

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from pipeline.core.precisions import JUDGED_PRECISION, shown
 from pipeline.evaluation.caveats import DEGENERATE
 from pipeline.evaluation.numbers import average
 from pipeline.evaluation.rows import pick
@@ -190,5 +191,13 @@ def _cells(group: Sequence[Scores]) -> list[str]:
     wrong = accepted_wrong + refused_wrong
     refused = f"{refused_wrong:.0f} of {wrong:.0f}" if wrong > 0 else MISSING
     ms = group[-1].number("", "query_ms")
-    counts = (fixed(accepted, 0), fixed(accepted_wrong, 0), refused)
+    counts = (fixed(accepted, 0) + _kept(group), fixed(accepted_wrong, 0), refused)
     return [*right, *counts, fixed(ms, 0 if ms >= 10 else 1)]
+
+
+def _kept(group: Sequence[Scores]) -> str:
+    """What stands beside the count of accepted poses if they do not keep JUDGED_PRECISION."""
+    if any(score.keeps_nothing for score in group):
+        return " (keeps none)"
+    kept = [score.kept_precision for score in group if score.kept_precision is not None]
+    return f" (at {shown(min(kept))})" if kept and min(kept) != JUDGED_PRECISION else ""

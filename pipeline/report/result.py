@@ -71,6 +71,20 @@ class Scores:
         return self.number("distance", "target_precision")
 
     @property
+    def kept_precision(self) -> float | None:
+        """The precision that accepted poses keep, of at most .99; None if none can be kept.
+
+        None also without poses, and if the table of results does not say.
+        """
+        kept = self.number("distance", "kept_precision")
+        return None if np.isnan(kept) else kept
+
+    @property
+    def keeps_nothing(self) -> bool:
+        """Whether the poses can keep no target precision, so that none is accepted."""
+        return ("distance", "kept_precision") in self.numbers and self.kept_precision is None
+
+    @property
     def posed(self) -> bool:
         """Whether the model answers with poses."""
         return ("distance", "within_2m_5deg") in self.numbers

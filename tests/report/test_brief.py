@@ -57,6 +57,23 @@ def test_the_best_on_the_last_day_comes_first_and_each_number_stands_in_its_colu
     assert max(map(len, text.split("\n"))) <= 78
 
 
+def test_the_kept_precision_stands_beside_the_count_where_it_is_not_99() -> None:
+    rows = results("campus", posed=0)
+    for kept, accepted in ((0.99, "80"), (0.985, "80 (at .985)"), (np.nan, "80 (keeps none)")):
+        place = {"grid": "10m", "method": "m0", "ask": "unperturbed"}
+        kept_rows = [
+            place | {"sequence": sequence, "days": days} | row("kept_precision", "distance", kept)
+            for sequence, days in (("2012-02-04", 20), ("2013-04-05", 446))
+        ]
+        whole = pd.concat([rows, table(kept_rows, study="campus", dataset="campus")])
+        (line,) = [
+            line
+            for line in brief(whole, {"campus": CAMPUS}, 200).split("\n")
+            if line.startswith("m0")
+        ]
+        assert f" {accepted}  " in line
+
+
 def test_where_nothing_was_timed_there_is_no_column_of_times() -> None:
     rows = results("campus")
     heads = brief(rows[rows["number"] != "query_ms"], {"campus": CAMPUS}, 200).split("\n")[2]

@@ -170,7 +170,7 @@ def test_poses_have_a_row_a_day_only_where_there_are_some() -> None:
     studies = {"robot": ROBOT}
     assert "2 m, 5°" not in document(results("robot"), studies)
     whole = document(pd.concat([results("robot"), posed()]), studies)
-    found = whole.partition("Poses by day")[2].partition("Verdicts at the target")[0]
+    found = whole.partition("Poses by day")[2].partition("**Verdicts, in numbers")[0]
     cells = [
         [cell.strip() for cell in line.split("|")[1:5]]
         for line in found.splitlines()

@@ -14,7 +14,7 @@ from pipeline.core import schemas, store
 from pipeline.core.errors import ArtifactError
 from pipeline.core.frames import Poses, distance_and_turn, transformed
 from pipeline.evaluation.evaluations import Evaluations
-from pipeline.evaluation.failures import target_precisions, unperturbed
+from pipeline.evaluation.failures import unperturbed
 from pipeline.evaluation.numbers import within
 from pipeline.report.result import day
 from pipeline.report.study import StudyResults
@@ -134,14 +134,7 @@ def verdicts(
         raise ArtifactError(
             f"{fixes.path}: {len(world_T_query)} poses of {count} submaps; `dvc repro` it"
         )
-    thresholds = {
-        target_precision: reject_from
-        for target_precision, reject_from in target_precisions(fixes).items()
-        if target_precision <= judged_precision
-    }
-    if not thresholds:
-        return world_T_query, np.zeros(count, bool), None
-    target_precision = max(thresholds)
     novelty = fixes.load("novelty")[rows, 0].astype(np.float64)
     has_pose = np.isfinite(world_T_query).all(axis=(1, 2))
-    return world_T_query, has_pose & (novelty < thresholds[target_precision]), target_precision
+    accepted = has_pose & (novelty < fixes.reject_from(judged_precision))
+    return world_T_query, accepted, fixes.kept_precision(judged_precision)

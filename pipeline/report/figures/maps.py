@@ -51,7 +51,7 @@ def outcome_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
 def fix_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
     """The queries of one test sequence by whether their poses are right.
 
-    A pose that is not accepted at the target precision .99 is faint.
+    A pose that is not accepted is faint.
     """
     accepted = result.evaluation.pose_accepted
     right = result.evaluation.pose_right

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from pipeline.core.precisions import JUDGED_PRECISION, kept_words, shown
 from pipeline.report import findings, tables
 from pipeline.report.comparison import RECALL_BY_DISTANCE
 from pipeline.report.figures import curves
@@ -58,12 +59,22 @@ def front(study: StudyResults) -> dict[str, Any]:
             for number in COUNTED
         },
         "accepted": tables.accepted(best),
+        "kept": None if best[0].kept_precision is None else shown(best[0].kept_precision),
+        "kept_words": _kept_words(best[0]),
         "year": _year(study, results, len(days)),
         "knows": _knows(study, results),
         "scorecards": [tables.scorecard(card) for card in cards if card],
         "perturbed": tables.perturbed(study, models),
         "caveats": findings.caveats(study),
     }
+
+
+def _kept_words(result: Result) -> str | None:
+    """A line that says which precision accepted poses keep, if it is not .99."""
+    if not result.keeps_nothing and result.kept_precision is None:
+        return None  # answers without poses have no target precision of poses
+    reachable = [] if result.kept_precision is None else [result.kept_precision]
+    return kept_words(f"`{result.model}`", reachable, JUDGED_PRECISION)
 
 
 def rivals(settings: StudySettings, best: str, compared: Sequence[str]) -> tuple[str, str]:
