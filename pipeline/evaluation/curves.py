@@ -42,10 +42,14 @@ def auc(precision: Curve, recall: Curve) -> NDArray[np.float64]:
     return np.asarray(np.trapezoid(precision, recall, axis=-1))
 
 
+def f1(precision: Curve, recall: Curve) -> Curve:
+    """The harmonic mean (…, t) of precision and recall; 0 where both are 0."""
+    return ratio(2 * precision * recall, precision + recall, empty=0.0)
+
+
 def f1_max(precision: Curve, recall: Curve) -> NDArray[np.float64]:
-    """The largest harmonic mean (…) of precision and recall; 0 where both are 0."""
-    f1 = ratio(2 * precision * recall, precision + recall, empty=0.0)
-    return np.asarray(f1.max(axis=-1))
+    """The largest F1 score (…) at any threshold."""
+    return np.asarray(f1(precision, recall).max(axis=-1))
 
 
 def recall_at_precision(precision: Curve, recall: Curve, least: float) -> NDArray[np.float64]:

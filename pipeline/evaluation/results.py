@@ -40,6 +40,7 @@ from pipeline.evaluation.rows import (
     row,
     table,
 )
+from pipeline.evaluation.steadiness import AWC_FT, awc_ft
 from pipeline.evaluation.study_rows import (
     Answers,
     ageing_rows,
@@ -111,6 +112,9 @@ class ResultsTable:
                     yield place | row("validation_auc", "cells", area)
                 by_day = sorted(study.tests, key=lambda name: (unperturbed[name].days, name))
                 tests = {name: unperturbed[name] for name in by_day}
+                for protocol in PROTOCOLS:
+                    area = awc_ft(tests.values(), protocol)
+                    yield place | row(AWC_FT, protocol, area)
                 if _is_plain(model):
                     by_method[model.method] = tests
                     novelty = trained.get(f"{VALIDATION}seen/{kind}", ())

@@ -22,9 +22,15 @@ from pipeline.evaluation.caveats import DEGENERATE
 from pipeline.evaluation.evaluations import NOT_JUDGED, Evaluation
 from pipeline.evaluation.numbers import average
 from pipeline.evaluation.rows import UNPERTURBED, indexed, pick
+from pipeline.evaluation.steadiness import AWC_FT
 
 # The titles of the numbers that a study is about.
-TITLES = {"recall_at_1": "recall@1", "auc_top1": "AUC top-1", "auc_exact_top1": "exact AUC"}
+TITLES = {
+    "recall_at_1": "recall@1",
+    "auc_top1": "AUC top-1",
+    "auc_exact_top1": "exact AUC",
+    AWC_FT: "AwC-FT",
+}
 DATE = re.compile(r"\d{4}-\d\d-\d\d")
 # The precisions at which coverage is measured.
 PRECISIONS = [percent / 100 for percent in range(50, 101)]

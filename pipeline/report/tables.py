@@ -29,6 +29,7 @@ from pipeline.evaluation.rows import (
     indexed,
     pick,
 )
+from pipeline.evaluation.steadiness import AWC_FT
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, PERCENTILE, SHOWN
 from pipeline.evaluation.viewpoint_matches import NUMBERS as VIEWPOINT_NUMBERS
 from pipeline.report.comparison import (
@@ -83,6 +84,7 @@ MAIN_NUMBERS = {
     "recall_at_1": (Column("oracle", "oracle"), "recall_at_1"),
     "auc_top1": (Column("oracle, exact", "oracle_auc_exact_top1"), "auc_exact_top1"),
 }
+AWC_FT_BESIDE = "auc_top1"  # the main number in whose table AwC-FT stands
 # Of the last test day in `scorecard`: how many queries are answered, and rightly.
 ANSWERED = (Column("answers", "answered"), Column("right of those", "precision_at_threshold"))
 # What the verdict accepted, and what it got wrong.
@@ -283,7 +285,8 @@ def main_number(study: StudyResults, protocol: str, name: str) -> Table:
     """One of MAIN_NUMBERS: one row per model, one column per test day, the oracle last.
 
     Cells have 95 % intervals, and a mark where the paired test against the study's first method is
-    clear. A mean over several days follows.
+    clear. A mean over several days follows, and beside AWC_FT_BESIDE the AwC-FT, which the oracle
+    has not.
     """
     oracle, tested = MAIN_NUMBERS[name]
     days = dates(study.results)
@@ -306,7 +309,18 @@ def main_number(study: StudyResults, protocol: str, name: str) -> Table:
         shares = [[r.number(protocol, name) for r in groups[model]] for model in study.ranked]
         for row, shares_of_days in zip(rows, [*shares, oracle_shares], strict=True):
             row.append(spread(shares_of_days, 3))
-    caption: Any = {"protocol": protocol, "references": references, "marked": bool(marks)}
+    areas = indexed(pick(study.unperturbed, number=AWC_FT, protocol=protocol), "model")
+    has_areas = name == AWC_FT_BESIDE and any(np.isfinite(area.value) for area in areas.values())
+    if has_areas:
+        header.append(TITLES[AWC_FT])
+        for row, model in zip(rows, [*study.ranked, ""], strict=True):
+            row.append(number(areas.get(model, NONE)[0], 3))
+    caption: Any = {
+        "protocol": protocol,
+        "references": references,
+        "marked": bool(marks),
+        "has_areas": has_areas,
+    }
     return table(f"main_{name}", header, rows, has_footer=True, **caption)
 
 

@@ -23,7 +23,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ArtifactError
+from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.rows import COURSE, HEADING, NOVELTY, UNPERTURBED, pick
+from pipeline.evaluation.steadiness import AWC_FT
 from pipeline.evaluation.study_rows import AGEING, PERCENTILE
 from pipeline.running.dvc_files import DvcLock
 from pipeline.running.telemetry import Trace, costs
@@ -382,7 +384,7 @@ def training_series(arrays: Mapping[str, NDArray[Any]]) -> Series:
 
 
 def ageing_series(rows: pd.DataFrame) -> Series:
-    """The change of each metric per 100 days with its interval, and when to train again.
+    """The change of each metric per 100 days with its interval, and when to train again; AwC-FT.
 
     They are single values at step 0: MLflow draws a metric whose only step is 0 as bars over the
     runs, and any other as a line, which would be a dot.
@@ -404,6 +406,11 @@ def ageing_series(rows: pd.DataFrame) -> Series:
                 value = float(year_rows.loc[key, column])
                 if np.isfinite(value):
                     series[metric] = [(0, value)]
+    for protocol in PROTOCOLS:
+        if (protocol, AWC_FT) in year_rows.index:
+            area = float(year_rows.loc[(protocol, AWC_FT), "value"])
+            if np.isfinite(area):
+                series[f"ageing/{protocol}_{AWC_FT}"] = [(0, area)]
     return series
 
 

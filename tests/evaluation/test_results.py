@@ -251,6 +251,20 @@ def test_numbers_age_over_the_days(gathered: pd.DataFrame) -> None:
     assert set(lines["sequence"]) == {FEB, MAR}
 
 
+def test_a_model_has_one_area_between_the_best_and_the_worst_day(gathered: pd.DataFrame) -> None:
+    # F1 = 2 TP / (2 TP + FP + FN), and by cells FN are the rejected alone. Query 0, of novelty .1,
+    # is right on the first day and wrong on the second. Above .1, .2 and .3 the days have 4/7 and
+    # 2/6, above .4 they have 4/8 and 2/7, above .8 they have 6/9 and 4/8. The range is .05 to .9.
+    area = (0.3 * (4 / 7 - 2 / 6) + 0.4 * (4 / 8 - 2 / 7) + 0.1 * (6 / 9 - 4 / 8)) / 0.85
+    everywhere = {"sequence": "", "number": "awc_ft"}
+    sci = everywhere | {"model": "sci"}
+    assert value(gathered, protocol="cells", **sci) == pytest.approx(area)
+    # By distance, query 0 is right on both days; the other models are the same on both.
+    assert value(gathered, protocol="distance", **sci) == 0.0
+    for model in ("sci-4way", "sad"):
+        assert value(gathered, protocol="cells", **everywhere | {"model": model}) == 0.0
+
+
 def test_methods_are_compared_with_the_first_on_the_same_queries(gathered: pd.DataFrame) -> None:
     # On day 20 by cells one is right at 0, 1 and 4, the other at 0 and 2, of five seen; later the
     # one is wrong at 0 too.

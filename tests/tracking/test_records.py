@@ -51,6 +51,8 @@ def record(tmp_path: Path) -> RunRecord:
     rows += [
         row("auc_top1_per_100_days", "cells", -0.5, -0.75, -0.25),
         row("auc_top1_retrain_after_days", "cells", np.inf),
+        row("awc_ft", "cells", 0.125),
+        row("awc_ft", "distance", np.nan),
     ]
     rows += [
         {"sequence": "may", "days": 10.0, "ask": VIEWPOINT, "of": HEADING, "at": 22.5}
@@ -92,6 +94,7 @@ def test_a_run_holds_its_metrics_over_the_days_and_nothing_of_other_models(
         "ageing/cells_auc_top1_per_100_days": [(0, -0.5)],
         "ageing/cells_auc_top1_per_100_days_low": [(0, -0.75)],
         "ageing/cells_auc_top1_per_100_days_high": [(0, -0.25)],
+        "ageing/cells_awc_ft": [(0, 0.125)],
         "viewpoints/accuracy may": [(22, 1.0)],
         "cost/s": [(0, 9.0)],
     }
