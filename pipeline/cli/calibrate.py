@@ -1,7 +1,8 @@
 """`yearloc calibrate` learns when to accept a pose: a site and a real drive in, the site out.
 
-A site of a 3-D map judges its fixes by the usual probabilities, learned elsewhere. A drive in the
-map with reference poses or odometry shows how well a real scan fits it (lifelong/calibration.py).
+A site of a 3-D map judges its fixes by the usual probabilities, learned elsewhere. A site that
+learned a drive has thresholds of that day's validation blocks, which may be few. A later drive with
+reference poses or odometry shows how well a real scan fits the map (lifelong/calibration.py).
 """
 
 from collections import Counter
@@ -29,7 +30,8 @@ if TYPE_CHECKING:  # at run time these would slow the start of every command
 LogPath = Annotated[
     str,
     typer.Argument(
-        metavar="LOG", help="A drive in the map: a log, a bag or a folder of scans, as for localize"
+        metavar="LOG",
+        help="A later drive in the map: a log, a bag or a folder of scans, as for localize",
     ),
 ]
 Out = Annotated[
@@ -62,7 +64,7 @@ def calibrate(
     odometry: BagOdometry = None,
 ) -> None:
     """Learn from a real drive when the poses of a site may be accepted."""
-    from pipeline.lifelong.calibration import calibration, with_verdict
+    from pipeline.lifelong.calibration import calibration, check_day, with_verdict
     from pipeline.online import site_file
     from pipeline.online.site import Site
 
@@ -70,11 +72,7 @@ def calibrate(
     check_file(out)
     parts = site_file.read(path, views=True)
     site = Site(parts, threads=2)
-    if not site.targets.is_map:
-        raise ConfigError(
-            f"{path}: its verdict was learned from validation blocks of its own training day; "
-            "calibrate takes the site of a 3-D map"
-        )
+    check_day(site, Path(log).name)
     tell_cold()
     skipped: Counter[str] = Counter()
     options = scan_options(site, topic=topic, odometry=odometry, body_T_lidar=body_T_lidar)

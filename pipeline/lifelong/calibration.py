@@ -1,15 +1,16 @@
 """Calibrates a site: the scans of a real drive in, a verdict learned from their fixes out.
 
-A site of a 3-D map has the usual probabilities only (posing/map_verdict.py). A drive in the map
-says how well a real scan fits it:
+A site of a 3-D map has the usual probabilities only (posing/map_verdict.py). A site that learned a
+drive has a verdict of that day. A later drive says how well a real scan fits the map:
 
 1. Each scan has a reference pose: one that is given, or one that other scans confirm. A scan is
    confirmed if odometry from the accepted fix before it reaches the accepted fix behind it, and its
    reference pose lies on this path. Its own fix has no say in it.
 2. Each scan is localised alone, in the whole map, and once more in a map without its surroundings:
    a novel place.
-3. The verdict is learned from these fixes (METHODS 9.5). Scans of one stretch of some metres are
-   one validation block.
+3. The verdict is learned from these fixes (METHODS 9.5): of a 3-D map with its models, of a site
+   that learned a drive its thresholds alone (posing/later_day.py). Scans of one stretch of some
+   metres are one validation block.
 """
 
 from collections.abc import Sequence
@@ -18,15 +19,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.errors import LogError
+from pipeline.core.errors import ConfigError, LogError
 from pipeline.core.frames import Poses
 from pipeline.core.progress import Progress
-from pipeline.lifelong.pseudo_labels import accepts, bridged
+from pipeline.lifelong.pseudo_labels import accepts, bridged, spaced_rows
 from pipeline.matching.ranking import Rows
 from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.site import Site, finite
-from pipeline.online.site_json import SiteDescription
+from pipeline.online.site_json import CalibratedDay, SiteDescription
 from pipeline.posing.fix import ScanFix
+from pipeline.posing.later_day import Renewed, renewed
 from pipeline.posing.map_verdict import calibrated
 from pipeline.posing.search import Answers
 from pipeline.posing.verdict import OF_SCANS, FixEvidence, Verdict
@@ -50,23 +52,39 @@ class Calibration:
 
     verdict: Verdict
     scans: int
-    """Number of scans with a reference pose."""
+    """Number of scans with a reference pose that were localised."""
     right: int
     """How many of them have a right fix."""
     blocks: int
     """Number of validation blocks."""
+    renewed: Renewed | None = None
+    """What is new in the verdict of a site that learned a drive; None for a 3-D map."""
+
+    @property
+    def learned(self) -> tuple[float, ...]:
+        """The target precisions whose thresholds the drive taught."""
+        if self.renewed is not None:
+            return self.renewed.learned
+        return tuple(p for p in self.verdict.reachable if p not in self.verdict.usual)
 
     def line(self, name: str) -> str:
         """Describe it in a line."""
-        learned = [p for p in self.verdict.reachable if p not in self.verdict.usual]
         words = [f"{self.right} of {self.scans} scans with a reference pose have a right fix"]
         words.append(f"{self.blocks} validation blocks")
-        words.append(f"learned: {', '.join(map(str, learned)) or 'none'}")
+        words.append(f"learned: {listed(self.learned)}")
         if self.verdict.usual:
             words.append(
-                f"by the usual probabilities: {', '.join(map(str, self.verdict.usual))}, for which "
-                "the blocks are too few"
+                f"by the usual probabilities: {listed(self.verdict.usual)}, for which the blocks "
+                "are too few"
             )
+        if self.renewed is not None:
+            kept = [p for p in self.verdict.reachable if p not in self.learned]
+            if kept:
+                words.append(f"by the site's own thresholds: {listed(kept)}")
+            if self.renewed.lowered:
+                words.append(
+                    f"lowered, since the drive contradicts them: {listed(self.renewed.lowered)}"
+                )
         return f"{name}: {'; '.join(words)}"
 
 
@@ -75,9 +93,10 @@ def calibration(
 ) -> Calibration:
     """Learn the verdict of a site from scans with reference poses (scan, 4, 4), NaN where unknown.
 
-    Raises LogError if no scan has a reference pose, or if hardly any fix is right by them.
+    Of scans that stand close together the first is taken. Raises LogError if no scan has a
+    reference pose, or if hardly any fix is right by them.
     """
-    rows = np.flatnonzero(np.isfinite(world_T_true).all(axis=(1, 2))).tolist()
+    rows = spaced_rows(world_T_true)  # so a robot that stands still counts once
     if not rows:
         raise LogError(f"none of {len(scans)} scans has a reference pose in the map")
     fixes: list[ScanFix] = []
@@ -91,7 +110,12 @@ def calibration(
         unseen=np.tile([False, True], len(rows)),
         block=blocks(world_T_true[rows, :2, 3]).repeat(2),
     )
-    verdict = calibrated(evidence)
+    renewal = None
+    if site.targets.is_map:
+        verdict = calibrated(evidence)
+    else:
+        renewal = renewed(site.description.verdict, evidence)
+        verdict = renewal.verdict
     poses = np.array([fix.ordered(verdict.pose).pose for fix in fixes[::2]])
     right = OF_SCANS.right(poses, world_T_true[rows])
     if right.mean() < FEWEST_RIGHT:
@@ -99,7 +123,7 @@ def calibration(
             f"{right.sum()} of {len(rows)} scans have a right fix by their reference poses: are "
             "these in the map's frame, and of these scans? Nothing was calibrated"
         )
-    return Calibration(verdict, len(rows), int(right.sum()), evidence.blocks)
+    return Calibration(verdict, len(rows), int(right.sum()), evidence.blocks, renewal)
 
 
 def both_fixes(
@@ -170,8 +194,30 @@ def blocks(xy_m: NDArray[np.float64]) -> NDArray[np.int64]:
     return numbers
 
 
+def check_day(site: Site, drive: str) -> None:
+    """Raise ConfigError for a drive of a day that the site learned, by its name."""
+    description = site.description
+    learned_days = {description.provenance.train}
+    if description.incremental_learning is not None:
+        learned_days |= {day.day for day in description.incremental_learning.days}
+    if drive in learned_days:
+        raise ConfigError(
+            f"{drive}: the site learned this day, so its scans fit better than those of a later "
+            "day; calibrate with a day that it did not learn"
+        )
+
+
 def with_verdict(site: Site, learned: Calibration, drive: str) -> SiteDescription:
     """The description of a site with the verdict that a drive taught."""
     description = site.description
-    provenance = replace(description.provenance, calibrated_on=drive)
-    return replace(description, verdict=learned.verdict, provenance=provenance)
+    if learned.renewed is None:
+        provenance = replace(description.provenance, calibrated_on=drive)
+        return replace(description, verdict=learned.verdict, provenance=provenance)
+    day = CalibratedDay(drive, learned.blocks, learned.learned, learned.renewed.has_covariances)
+    days = (*description.calibrated_days, day)
+    return replace(description, verdict=learned.verdict, calibrated_days=days)
+
+
+def listed(target_precisions: Sequence[float]) -> str:
+    """Target precisions in words."""
+    return ", ".join(map(str, target_precisions)) or "none"

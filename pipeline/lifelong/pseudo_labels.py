@@ -202,10 +202,7 @@ def spaced_labels(
     `probability` (n,) belongs to the poses. Raises NoPseudoLabelsError with the reason if no scan
     has a pose.
     """
-    rows: list[int] = []
-    for row in np.flatnonzero(np.isfinite(poses).all((1, 2))).tolist():
-        if not rows or np.linalg.norm(poses[row, :2, 3] - poses[rows[-1], :2, 3]) >= STEP_M:
-            rows.append(row)
+    rows = spaced_rows(poses)
     if not rows:
         raise NoPseudoLabelsError(f"nothing to learn of {len(scans)} scans: {reason}")
     stamps_ns = np.array([scans[row].stamp_ns or 0 for row in rows], np.int64)
@@ -215,3 +212,12 @@ def spaced_labels(
     return PseudoLabels(
         points, stamps_ns, poses[rows], probability[rows], wrong, has_reference_poses, len(scans)
     )
+
+
+def spaced_rows(poses: Poses) -> list[int]:
+    """The rows of known poses (n, 4, 4), each at least STEP_M from the row chosen before."""
+    rows: list[int] = []
+    for row in np.flatnonzero(np.isfinite(poses).all((1, 2))).tolist():
+        if not rows or np.linalg.norm(poses[row, :2, 3] - poses[rows[-1], :2, 3]) >= STEP_M:
+            rows.append(row)
+    return rows

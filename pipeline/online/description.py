@@ -1,5 +1,6 @@
 """Describes a site file for `yearloc inspect`: content, target precisions and provenance."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ from pipeline.core.precisions import JUDGED_PRECISION, shown
 from pipeline.inspection.inspection import Inspection, box, nbytes
 from pipeline.online.site_file import LevelParts, Parts, read_either
 from pipeline.online.site_json import (
+    CalibratedDay,
     LearnedDay,
     LevelDescription,
     Sensor,
@@ -59,7 +61,7 @@ def _site(path: Path, parts: Parts) -> Inspection:
         title += f" of {provenance.calibrated_on}"
     title += first_day_words(description)
     title += f"; a share {verdict.unseen_share:g} of the queries is expected to be unseen"
-    inspection.add(title, *_target_rows(verdict))
+    inspection.add(title, *_target_rows(verdict, description.calibrated_days))
     inspection.add("sensor", *_sensor_rows(description.sensor))
     digests = [(name, digest or "unknown") for name, digest in provenance.md5.items()]
     inspection.add("made of", *digests)
@@ -118,8 +120,13 @@ def _class_name(settings: Settings) -> str:
     return str(settings["_target_"]).rpartition(".")[2]
 
 
-def _target_rows(verdict: Verdict) -> list[tuple[str, str]]:
-    """A row for each threshold: at which target precisions it accepts which fixes."""
+def _target_rows(
+    verdict: Verdict, calibrated_days: Sequence[CalibratedDay] = ()
+) -> list[tuple[str, str]]:
+    """A row for each threshold: at which target precisions it accepts which fixes.
+
+    Later days that taught or tested thresholds have a row each.
+    """
     accepted_at: dict[str, list[float]] = {}
     # A fix is rejected from the novelty `threshold` on; it is 0 if the target precision cannot be
     # reached. A fix's novelty is one minus the probability that its pose is right.
@@ -135,7 +142,16 @@ def _target_rows(verdict: Verdict) -> list[tuple[str, str]]:
     rows = [(", ".join(map(shown, same)), accepted) for accepted, same in accepted_at.items()]
     if kept := verdict.kept_words(JUDGED_PRECISION):
         rows.append(("asked for .99", kept))
-    return rows
+    return [*rows, *map(_calibrated_row, calibrated_days)]
+
+
+def _calibrated_row(day: CalibratedDay) -> tuple[str, str]:
+    """A row on a later day: what it taught, and from how many blocks."""
+    taught = ", ".join(map(shown, day.target_precisions))
+    words = f"{day.blocks} blocks taught the thresholds of {taught or 'no target precision'}"
+    if day.has_covariances:
+        words += ", and the covariances"
+    return f"calibrated on {day.day}", f"{words}; the other thresholds were tested on them"
 
 
 def _sensor_rows(sensor: Sensor) -> list[tuple[str, str]]:

@@ -68,8 +68,8 @@ class Provenance:
     versions: Mapping[str, str]
     """The version of each package."""
     calibrated_on: str | None = None
-    """The drive that its verdict was learned from; None if that is the training sequence, or if the
-    verdict is the usual one of maps."""
+    """The drive that the verdict of a 3-D map was learned from; None if the verdict is the usual
+    one, and for a site that learned a drive."""
 
     @classmethod
     def of(cls, train: str, md5: Mapping[str, str | None], packages: Sequence[str]) -> Self:
@@ -103,6 +103,19 @@ class Increments:
 
 
 @dataclass(frozen=True)
+class CalibratedDay:
+    """A later day that taught when to accept the poses of a site that learned a drive."""
+
+    day: str
+    blocks: int
+    """The number of its blocks: stretches of path that count once each."""
+    target_precisions: tuple[float, ...]
+    """The target precisions whose thresholds it taught."""
+    has_covariances: bool = False
+    """Whether it taught the model of covariances."""
+
+
+@dataclass(frozen=True)
 class SiteDescription:
     """The content of site.json."""
 
@@ -128,6 +141,8 @@ class SiteDescription:
     provenance: Provenance
     incremental_learning: Increments | None = None
     """None for a site that cannot be updated."""
+    calibrated_days: tuple[CalibratedDay, ...] = ()
+    """The later days that thresholds were learned from, the latest last; empty for a 3-D map."""
 
 
 @dataclass(frozen=True)

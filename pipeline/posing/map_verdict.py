@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from pipeline.posing import covariances
 from pipeline.posing.fix import ScanFix
+from pipeline.posing.later_day import taught_or_tested
 from pipeline.posing.learned_verdict import Learned
 from pipeline.posing.search import Fixer
 from pipeline.posing.verdict import (
@@ -19,7 +20,6 @@ from pipeline.posing.verdict import (
     FixEvidence,
     Verdict,
     never_above_lower,
-    tested,
     usual_thresholds,
 )
 
@@ -76,24 +76,11 @@ def calibrated(evidence: FixEvidence[ScanFix]) -> Verdict:
     """
     verdict = evidence.verdict(UNSEEN_SHARE)
     judge = replace(USUAL, pose=verdict.pose, place=verdict.place)
-    tested_usual = tested(USUAL_THRESHOLDS, judge, evidence, UNSEEN_SHARE)
-    is_learned = [threshold > 0 for threshold in verdict.claim_thresholds["fix"]]
-    thresholds = {
-        claim: never_above_lower(
-            [
-                learned if learned_too else usual
-                for learned, usual, learned_too in zip(
-                    verdict.claim_thresholds[claim], tested_usual[claim], is_learned, strict=True
-                )
-            ]
-        )
-        for claim in CLAIMS
-    }
+    mixed, learned = taught_or_tested(USUAL_THRESHOLDS, judge, evidence, UNSEEN_SHARE)
+    thresholds = {claim: never_above_lower(mixed[claim]) for claim in CLAIMS}
     usual = tuple(
         target_precision
-        for target_precision, learned_too, threshold in zip(
-            TARGET_PRECISIONS, is_learned, thresholds["fix"], strict=True
-        )
-        if not learned_too and threshold > 0
+        for target_precision, threshold in zip(TARGET_PRECISIONS, thresholds["fix"], strict=True)
+        if target_precision not in learned and threshold > 0
     )
     return replace(verdict, claim_thresholds=thresholds, usual=usual)

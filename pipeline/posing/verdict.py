@@ -326,10 +326,13 @@ class FixEvidence(Generic[FixT_co]):
             covariances=self.covariance_model(judge),
         )
 
-    def covariance_model(self, judge: Judge) -> CovarianceModel:
-        """The model of covariances learned from the fixes of 3-D scans.
+    def covariance_model(
+        self, judge: Judge, start: CovarianceModel = covariances.USUAL
+    ) -> CovarianceModel:
+        """The model of covariances learned from the fixes of 3-D scans, starting from another.
 
-        It learns from right fixes at known places, of a probability as accepted fixes have it.
+        It learns from right fixes at known places, of a probability as accepted fixes have it. If
+        these are too few, it is `start` itself.
         """
         fixes = [fix.ordered(judge.pose) for fix in self.fixes]
         poses = np.array([fix.pose for fix in fixes]).reshape(-1, 4, 4)
@@ -340,7 +343,7 @@ class FixEvidence(Generic[FixT_co]):
             pose_errors(poses[rows], self.world_T_true[rows]),
             np.array([fixes[row].covariance for row in rows]).reshape(-1, 6, 6),
             np.full(len(rows), self.blocks / max(len(rows), 1)),
-            covariances.USUAL,
+            start,
         )
 
 

@@ -11,7 +11,6 @@ from pipeline.core.progress import Progress
 from pipeline.formats import pcd
 from pipeline.lifelong.calibration import confirmed
 from pipeline.online import site_file
-from pipeline.online.example import SITE as EXAMPLE
 from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.map_pack import MapOptions, pack_map
 from pipeline.online.site import Site
@@ -139,13 +138,6 @@ def test_reference_poses_that_no_scan_agrees_with_calibrate_nothing(
         "calibrate", packed, log, "--poses", poses
     )
     assert packed.read_bytes() == before
-
-
-def test_a_trained_site_keeps_the_verdict_of_its_own_day(tmp_path: Path, yearloc: Command) -> None:
-    log, poses = drive(tmp_path / "monday")
-    error = yearloc.refused("calibrate", EXAMPLE, log, "--poses", poses, "-o", tmp_path / "x.site")
-    assert "calibrate takes the site of a 3-D map" in error
-    assert not (tmp_path / "x.site").exists()
 
 
 def test_odometry_and_the_other_scans_confirm_a_pose() -> None:
