@@ -10,6 +10,13 @@ target precision: the accepted share of the right poses; the wrong poses of the 
 an exact 95 % interval; and how many queries are called near (within 15 m) or ambiguous, with how
 many of the near ones are right.
 
+Two worlds are built to alias, and nothing was or may be chosen on them (docs/notes/worlds.md):
+
+    yearloc use campus world=terraces methods=sci_ring budget=minutes && yearloc repro
+    python -m benchmarks.verdicts artifacts campus/10m/sci_ring
+    yearloc use campus world=colonnade methods=sci_ring budget=minutes && yearloc repro
+    python -m benchmarks.verdicts artifacts campus/10m/sci_ring
+
 With the file of a packed SITE it localises every twentieth query: CPU time of one thread from
 points to fix, drawing and ranking included.
 """

@@ -83,7 +83,8 @@ class Simulation:
     lining: Lining = "sparse"
     """What stands close along the streets. A `street` is narrow and has houses, gardens and cars on
     both sides; a `campus` has hedges, low walls and bushes beside its ways; `sparse` has
-    nothing."""
+    nothing. `terraces` have equal terraced houses on both sides of every street, a `colonnade` has
+    equal halls with equal pillars: worlds that repeat, on flat ground."""
     turn_s: NotNegative = 0.0
     """How long the scanner takes for a turn, during which the robot drives on; bags say when each
     point was measured. With 0 a scan is taken at one moment."""

@@ -2,10 +2,11 @@
 
 The blocks between the streets get a zone each (academic, residential, wood, parking or lawn), and
 are filled according to it with buildings, trees, parking slots and clutter. Dense worlds are then
-lined with what stands close along their streets (`layout.lining`).
+lined with what stands close along their streets (`layout.lining`). Worlds that repeat have rows of
+equal buildings along their streets instead (`layout.rows`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from worlds.layout.furniture import furnish_streets
 from worlds.layout.greenery import Plant, tree
 from worlds.layout.ground import CELL_M, FINE_CELL_M, banked, rolling_ground
 from worlds.layout.lining import Lining, front, line
+from worlds.layout.rows import OF_LINING, TREES_PER_BLOCK, build_rows
 from worlds.layout.shapes import Kind, Species
 from worlds.layout.streets import Streets
 from worlds.layout.structures import Part, Structure
@@ -82,9 +84,10 @@ class Block:
 def build_campus(seed: int, blocks: int, streets: Streets, lining: Lining = "sparse") -> Campus:
     """Build the campus around the `streets` of blocks × blocks blocks, as on the training day.
 
-    With the lining `street`, blocks hold nothing but the lots along the streets.
+    With the lining `street`, blocks hold nothing but the lots along the streets; with `terraces`
+    and `colonnade` nothing but rows along them and a few trees, and the ground is flat.
     """
-    is_dense = lining != "sparse"
+    is_dense = lining in ("street", "campus")
     ground = rolling_ground(
         generator(seed, Stream.GROUND),
         streets.nodes_m.min(0),
@@ -94,6 +97,13 @@ def build_campus(seed: int, blocks: int, streets: Streets, lining: Lining = "spa
     rng = generator(seed, Stream.BLOCKS)
     lining_rng = generator(seed, Stream.LINING)
     campus = Campus(streets, ground, templates(rng))
+    if lining in OF_LINING:
+        campus.ground = replace(ground, heights_m=np.zeros_like(ground.heights_m))
+        build_rows(campus, lining)
+        for block in divide(rng, streets, blocks):
+            _trees(rng, block, campus, TREES_PER_BLOCK, conifer_share=0.2)
+        furnish_streets(generator(seed, Stream.FURNITURE), campus, has_avenues=False)
+        return campus
     if is_dense:
         campus.ground = banked(lining_rng, ground, streets)
         campus.fronts = {

@@ -30,14 +30,15 @@ FROM_OTHER_STREETS_M = 0.8
 """Least distance of trees and lamps from any street."""
 
 
-def furnish_streets(rng: np.random.Generator, campus: Campus) -> None:
-    """Add trees, lamps and parking slots to all streets of the campus."""
+def furnish_streets(rng: np.random.Generator, campus: Campus, has_avenues: bool = True) -> None:
+    """Add trees, unless there are no avenues, lamps and parking slots to all streets."""
     streets = campus.streets
     for street, is_path in enumerate(streets.is_path):
         length_m = streets.lengths_m[street]
         half_width_m = streets.half_widths_m[street]
         # Trees on one side, on the other, or on both.
-        if rng.random() < (AVENUE_SHARE_OF_PATHS if is_path else AVENUE_SHARE_OF_ROADS):
+        avenue_share = AVENUE_SHARE_OF_PATHS if is_path else AVENUE_SHARE_OF_ROADS
+        if rng.random() < avenue_share and has_avenues:
             stations_m = np.arange(10, length_m - 9, rng.uniform(*AVENUE_PITCH_BOUNDS_M))
             sides = [(-1,), (1,), (-1, 1)][rng.integers(3)]
             left_m = np.tile(sides, len(stations_m)) * (half_width_m + AVENUE_FROM_KERB_M)

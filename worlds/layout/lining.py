@@ -22,8 +22,9 @@ from worlds.layout.greenery import Plant, tree
 from worlds.layout.shapes import Kind, Species
 from worlds.layout.structures import Part, Structure
 
-Lining: TypeAlias = Literal["sparse", "street", "campus"]
-"""How streets are lined; `sparse` is a world that is not dense, whose streets are not lined."""
+Lining: TypeAlias = Literal["sparse", "street", "campus", "terraces", "colonnade"]
+"""How streets are lined; `sparse` is a world that is not dense, whose streets are not lined.
+`terraces` and `colonnade` are worlds that repeat (`layout.rows`), not dense either."""
 
 # The lots of a street, from its border outwards.
 PAVEMENT_BOUNDS_M = (1.5, 2.6)
@@ -142,7 +143,7 @@ class Side:
 def line(rng: np.random.Generator, campus: Campus, lining: Lining) -> None:
     """Line all streets of a campus in one of the two ways, `street` or `campus`.
 
-    It is not called for a `sparse` world.
+    It is not called for a world that is not dense.
     """
     for street in range(len(campus.streets.edges)):
         for sign in (-1, 1):
