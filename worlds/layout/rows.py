@@ -80,6 +80,7 @@ TERRACES = Row(
         Part(1.6, -0.5, 0.9, 0.5, 0, 0.4),  # the step before the door
         Part(1.6, -0.5, 1.0, 0.6, 2.3, 2.5),  # the canopy above it
         Part(3.0, -0.1, 0.15, 0.15, 0, 6.2),  # the end of the wall between two houses
+        Part(3.0, -2.0, 0.12, 1.8, 0, 1.1),  # the wall between their front gardens
         Part(3.0, 4.5, 0.4, 0.8, 8.0, 9.6),  # the chimney
     ),
 )
