@@ -18,6 +18,7 @@ from pipeline.cli.kernels import tell_cold
 from pipeline.cli.options import (
     BodyTLidar,
     Follow,
+    Gnss,
     Idle,
     Odometry,
     PriorSigma,
@@ -100,6 +101,7 @@ def localize(
     odometry: Odometry = None,
     prior: PriorText = None,
     prior_sigma: PriorSigma = None,
+    gnss: Gnss = None,
     track: Track = False,
     follow: Follow = False,
     idle: Idle = 10.0,
@@ -113,6 +115,8 @@ def localize(
 
     output_format = only_one({"json": json, "csv": csv, "tum": tum, "mcap": mcap}) or "text"
     only_one({"lift": lift, "body-T-lidar": body_T_lidar})
+    only_one({"prior": prior, "gnss": gnss})
+    only_one({"follow": follow, "gnss": gnss})
     if threads < 1:
         raise ConfigError(f"--threads {threads}: expected at least 1")
     site = Site.open(path, threads)
@@ -120,7 +124,7 @@ def localize(
     check_file(out, is_written_whole=output_format == "mcap")
     target_precision = told_kept(site, target_precision, strict)
     options = scan_options(
-        site, topic=topic, odometry=odometry, body_T_lidar=body_T_lidar, lift_m=lift
+        site, topic=topic, odometry=odometry, body_T_lidar=body_T_lidar, lift_m=lift, gnss=gnss
     )
     if lift is not None and not follow:
         _check_lift(options, inputs)
@@ -128,6 +132,7 @@ def localize(
     believed = prior_of(prior, prior_sigma)
     tracker = tracker_of(site, target_precision, track)
     tell_cold()
+    priors = 0
     with writer(output_format, out) as write:
         for source in inputs:
             scans = scans_or_followed(options, source, follow, idle, summary)
@@ -140,10 +145,13 @@ def localize(
                     _warn_if_unlike(points_m, site, scan.body_T_lidar)
                 write(scan, fix)
                 summary.add(scan, fix)
+                priors += scan.prior is not None
     summary.check_any(" ".join(inputs))
     if tracker:
         summary.steps = tracker.steps
     summary.tell()
+    if gnss:
+        print(f"--gnss {gnss}: a prior for {priors} of the scans", file=sys.stderr)
     if site.description.simulated:
         print("the site is simulated, not recorded", file=sys.stderr)
     if target_precision in site.description.verdict.usual:

@@ -104,6 +104,16 @@ PriorSigma = Annotated[
     ),
 ]
 
+Gnss = Annotated[
+    str | None,
+    typer.Option(
+        "--gnss",
+        metavar="TOPIC",
+        help="NavSatFix of a bag: searched first, as with --prior; with --track while the robot is "
+        "lost; the site needs a datum (yearloc pack --datum)",
+    ),
+]
+
 
 def lidar_of(body_T_lidar: str | None) -> "Poses | None":
     """The pose (4, 4) of the lidar that `--body-T-lidar` gives; None without the option."""

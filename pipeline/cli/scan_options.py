@@ -21,13 +21,21 @@ def scan_options(
     odometry: str | None = None,
     body_T_lidar: str | None = None,
     lift_m: float | None = None,
+    gnss: str | None = None,
 ) -> "ScanOptions":
     """How scans are read for a site, from the values of the command line's options.
 
-    Raises ConfigError for a `body_T_lidar` that is not of the form x,y,z,roll,pitch,yaw.
+    Raises ConfigError for a `body_T_lidar` that is not of the form x,y,z,roll,pitch,yaw, and for
+    `gnss` in a site without a datum.
     """
     from pipeline.online.inputs import ScanOptions
 
+    datum = site.description.datum
+    if gnss is not None and datum is None:
+        raise ConfigError(
+            f"--gnss {gnss}: {site.name} has no datum; pack the site with "
+            "--datum LAT,LON,ALT,HEADING"
+        )
     return ScanOptions(
         reader=site.description.reader,
         lift_m=site.description.sensor.lift_m if lift_m is None else lift_m,
@@ -35,6 +43,8 @@ def scan_options(
         odometry=odometry,
         body_T_lidar=lidar_of(body_T_lidar),
         message=site.message,
+        gnss=gnss,
+        datum=datum,
     )
 
 

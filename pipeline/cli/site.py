@@ -7,6 +7,7 @@ ONNX, or a site that answers through ONNX.
 
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -67,8 +68,17 @@ def pack(
             help="With a 3-D map: the position in it that becomes the site's origin, in metres",
         ),
     ] = None,
+    datum: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LAT,LON,ALT[,HEADING]",
+            help="Where the site's origin lies on the Earth (WGS 84, degrees and metres), and the "
+            "direction of its x axis, in degrees counter-clockwise from east: for --gnss",
+        ),
+    ] = None,
 ) -> None:
     """Pack a model, or a map that you have, into one site file with all that localisation needs."""
+    from pipeline.core.datum import Datum
     from pipeline.formats import autoware
     from pipeline.online.level_pack import pack_map as pack_level_map
     from pipeline.online.map_pack import pack_map
@@ -76,6 +86,7 @@ def pack(
     from pipeline.studies.layout import Layout
 
     only_one({"STUDY/GRID/METHOD": name, "map": maps})
+    at = None if datum is None else Datum.parse("--datum", datum)
     check_file(out)
     yamls = [path for path in maps or [] if path.suffix in (".yaml", ".yml")]
     is_level = any(not path.is_file() or not autoware.read_metadata(path) for path in yamls)
@@ -84,15 +95,16 @@ def pack(
     if maps and is_level:
         if len(maps) > 1:
             raise ConfigError(f"--map {maps[1]}: a level site has one Nav2 map, {maps[0]}")
-        print(pack_level_map(maps[0], out))
+        print(pack_level_map(maps[0], out, at))
     elif maps:
-        for line in pack_map(maps, out, map_options(like or [], cell, origin), Bar()):
+        options = replace(map_options(like or [], cell, origin), datum=at)
+        for line in pack_map(maps, out, options, Bar()):
             print(line)
     elif name is None:
         raise ConfigError("pack: expected STUDY/GRID/METHOD, or --map MAP")
     else:
         model = Trained.of_study(Layout(), *named_model(name))
-        print(Packing(conf_folder()).pack(model, out, Bar()))
+        print(Packing(conf_folder()).pack(model, out, Bar(), at))
 
 
 def map_options(like: list[Path], cell_m: float | None, origin: str | None) -> "MapOptions":

@@ -28,6 +28,7 @@ POSE = "geometry_msgs/msg/PoseStamped"
 POSE_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 IMU = "sensor_msgs/msg/Imu"
+NAV_SAT_FIX = "sensor_msgs/msg/NavSatFix"
 POINT = np.dtype([("xyz", "<f4", 3), ("intensity", "<f4"), ("ring", "<u2"), ("pad", "V2")])
 """A point as written: 20 bytes."""
 TIMED_POINT = np.dtype([*POINT.descr, ("t", "<u4")])
@@ -226,6 +227,34 @@ class BagWriter:
             angular_velocity_covariance=np.zeros(9),
             linear_acceleration=self._xyz(np.zeros(3)),
             linear_acceleration_covariance=unmeasured,
+        )
+
+    def nav_sat_fix(
+        self,
+        stamp_ns: int,
+        frame: str,
+        lla: tuple[float, float, float],
+        covariance_m2: NDArray[np.float64] | None = None,
+        status: int = 0,
+        topic: str = "/fix",
+    ) -> None:
+        """Write a position: latitude and longitude in degrees, altitude in metres.
+
+        Its covariance (3, 3) is of metres east, north and up; None if it is unknown. A `status`
+        below 0 says that there is no fix.
+        """
+        latitude, longitude, altitude = lla
+        self._write_stamped(
+            topic,
+            NAV_SAT_FIX,
+            stamp_ns,
+            frame,
+            status=self._new("sensor_msgs/msg/NavSatStatus", status=status, service=1),
+            latitude=latitude,
+            longitude=longitude,
+            altitude=altitude,
+            position_covariance=np.zeros(9) if covariance_m2 is None else covariance_m2.reshape(9),
+            position_covariance_type=0 if covariance_m2 is None else 3,
         )
 
     def static_transform(

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.core.datum import Datum
 from pipeline.core.precisions import JUDGED_PRECISION, shown
 from pipeline.inspection.inspection import Inspection, box, nbytes
 from pipeline.online.site_file import LevelParts, Parts, read_either
@@ -55,6 +56,7 @@ def _site(path: Path, parts: Parts) -> Inspection:
         ("map", f"{submaps} within {description.map.range_m:g} m"),
         ("places", f"{len(arrays['cells']):,} cells of {description.places.cell_m:g} m"),
         ("box", box(anchors[:, :3, 3], "xyz", 0)),
+        *_datum_rows(description.datum),
     )
     title = f"target precisions of a pose, by {verdict.validation_blocks} validation blocks"
     if provenance.calibrated_on:
@@ -91,6 +93,7 @@ def _level(path: Path, parts: LevelParts) -> Inspection:
         ("free", f"{float((occupancy == 0).sum()) * level.cell_m**2:,.0f} m²"),
         ("origin", f"x {x_m:g} m, y {y_m:g} m, yaw {np.rad2deg(yaw_rad):g}°"),
         ("gathers", f"sweeps over {level.over_m:g} m of path"),
+        *_datum_rows(description.datum),
     )
     title = (
         f"target precisions of a pose, by {verdict.validation_blocks} validation blocks of its own"
@@ -152,6 +155,15 @@ def _calibrated_row(day: CalibratedDay) -> tuple[str, str]:
     if day.has_covariances:
         words += ", and the covariances"
     return f"calibrated on {day.day}", f"{words}; the other thresholds were tested on them"
+
+
+def _datum_rows(datum: Datum | None) -> list[tuple[str, str]]:
+    """A row on where the world lies on the Earth; none if that is unknown."""
+    if datum is None:
+        return []
+    position = f"latitude {datum.latitude_deg:.7f}°, longitude {datum.longitude_deg:.7f}°"
+    heading = f"x axis {datum.heading_deg:g}° counter-clockwise from east"
+    return [("datum", f"{position}, {datum.altitude_m:g} m; {heading}")]
 
 
 def _sensor_rows(sensor: Sensor) -> list[tuple[str, str]]:

@@ -8,7 +8,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,15 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.building import build
+from pipeline.core.datum import Datum
 from pipeline.core.errors import ConfigError, InputError, LogError, YearlocError
 from pipeline.core.frames import ROUNDED_NS, Poses, Stamps, transformed
 from pipeline.formats import bin_layout, folder, nclt
-from pipeline.formats.bag import CLOUD, SWEEP
+from pipeline.formats.bag import CLOUD, NAV_SAT_FIX, SWEEP
 from pipeline.formats.bag_file import BagFile, find
+from pipeline.online.gnss import GnssPriors
 from pipeline.opening.opening import by_reader, scan_files
 from pipeline.posing.prior import Prior
 from pipeline.readers import vehicle
 from pipeline.readers.bag_clouds import Clouds
+from pipeline.readers.bag_gnss import read_gnss
 from pipeline.readers.bag_poses import KINDS, Track, read_track
 from pipeline.readers.deskew import NO_BREAKS, scan_at_stamp
 from pipeline.readers.log import READERS, Log, parse_extrinsic, raised
@@ -57,6 +60,8 @@ class Scan:
     body_T_lidar: Poses | None = None
     """(4, 4) the pose of the lidar in the vehicle, by which the points were transformed; None for a
     log, whose reader transforms its points."""
+    prior: Prior | None = None
+    """Where the robot is by GNSS; None if that is unknown."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +80,10 @@ class ScanOptions:
     """The pose (4, 4) of the lidar in the vehicle, instead of `lift_m` and a bag's transforms."""
     message: str = CLOUD
     """The kind of a bag's messages to read: clouds, or sweeps for a level site."""
+    gnss: str | None = None
+    """The topic of a bag with positions of GNSS, which become priors of the scans."""
+    datum: Datum | None = None
+    """Where the site's world lies on the Earth; needed for `gnss`."""
 
     def scans(self, source: str, skipped: Counter[str]) -> Iterator[Scan]:
         """The scans at a path, or of standard input for `-`.
@@ -87,8 +96,14 @@ class ScanOptions:
 
         Points of bags and files are x forward, y left, z up. Scans that a log or a bag leaves out
         are counted in `skipped`, by reason. Raises LogError if there is no scan, ConfigError for a
-        topic that a bag does not have.
+        topic that a bag does not have, and for GNSS of what is no bag.
         """
+        priors = self._gnss_priors(source)
+        for scan in self._scans(source, skipped):
+            yield scan if priors is None else replace(scan, prior=priors.at(scan.stamp_ns))
+
+    def _scans(self, source: str, skipped: Counter[str]) -> Iterator[Scan]:
+        """The scans at a path, or of standard input, without priors; raises as `scans`."""
         placement = raised(self.lift_m) if self.body_T_lidar is None else self.body_T_lidar
         if source == "-":
             data = sys.stdin.buffer.read(folder.LARGEST_BYTES + 1)
@@ -183,6 +198,24 @@ class ScanOptions:
                 f"--topic {self.topic}: {path} has the {kinds} {', '.join(counts) or 'none'}"
             )
         return self.topic or counts.most_common(1)[0][0]
+
+    def _gnss_priors(self, source: str) -> GnssPriors | None:
+        """The priors of the user's topic of GNSS; None without the option."""
+        if self.gnss is None or self.datum is None:
+            return None
+        paths = [] if source == "-" else find(Path(source).expanduser())
+        if not paths:
+            raise ConfigError(f"--gnss {self.gnss}: {source} is no bag")
+        files = [BagFile(bag) for bag in paths]
+        topics = set[str]()
+        for file in files:
+            topics |= {name for name, topic in file.topics.items() if topic.kind == NAV_SAT_FIX}
+        if self.gnss not in topics:
+            raise ConfigError(
+                f"--gnss {self.gnss}: {source} has the NavSatFix "
+                f"{', '.join(sorted(topics)) or 'none'}"
+            )
+        return GnssPriors(read_gnss(files, self.gnss), self.datum)
 
     def _odometry(self, path: Path, files: list[BagFile]) -> Track | None:
         """The poses of the user's odometry topic; None without the option."""

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from pipeline.core.datum import Datum
 from pipeline.core.errors import ArtifactError, InputError
 from pipeline.core.precisions import JUDGED_PRECISION
 from pipeline.core.progress import Progress
@@ -37,7 +38,7 @@ CARMEN = {"_target_": "pipeline.readers.carmen.Carmen"}
 """The reader of logs that are localised in the site of a Nav2 map; bags need no reader."""
 
 
-def pack_map(map_path: Path, out: Path) -> str:
+def pack_map(map_path: Path, out: Path, datum: Datum | None = None) -> str:
     """Write the site of a Nav2 map; returns a line on its content.
 
     Its verdict has the usual thresholds, since a map has no sweeps to validate them with. Raises
@@ -50,7 +51,9 @@ def pack_map(map_path: Path, out: Path) -> str:
         raise ArtifactError(f"{map_path}: {error}") from None
     digest = hashlib.md5(map_path.read_bytes(), usedforsecurity=False).hexdigest()
     verdict = verdict_of(NO_EVIDENCE, UNSEEN_SHARE)
-    return _write(out, map_path.stem, False, level_map, verdict, CARMEN, map_path.name, digest)
+    return _write(
+        out, map_path.stem, False, level_map, verdict, CARMEN, map_path.name, digest, datum
+    )
 
 
 def pack_sweeps(
@@ -62,6 +65,7 @@ def pack_sweeps(
     reader: Mapping[str, Any],
     progress: Progress,
     verdict: Path | None = None,
+    datum: Datum | None = None,
 ) -> str:
     """Write the site of a training day's level sweeps; returns a line on its content.
 
@@ -73,7 +77,7 @@ def pack_sweeps(
     activity = "draw" if learned else "localise validation stretches of"
     progress.tell(f"{activity} {len(sweeps.world_T_sweep)} sweeps")
     day = LevelDay.of(sweeps, UNSEEN_SHARE, LevelValidation(), learned)
-    return _write(out, name, simulated, day.level_map, day.verdict, reader, train, None)
+    return _write(out, name, simulated, day.level_map, day.verdict, reader, train, None, datum)
 
 
 def _write(
@@ -85,6 +89,7 @@ def _write(
     reader: Mapping[str, Any],
     source: str,
     digest: str | None,
+    datum: Datum | None,
 ) -> str:
     """Write a site file; returns a line on its content.
 
@@ -100,6 +105,7 @@ def _write(
         # the sensors of level sweeps are not compared
         sensor=Sensor(lift_m, None, None, None, None, None, ()),
         provenance=Provenance.of(source, {"map": digest}, LEVEL_VERSIONS),
+        datum=datum,
     )
     arrays = {"occupancy": level_map.occupancy}
     site_file.write(out, site_file.LevelParts(description, arrays))

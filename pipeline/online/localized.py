@@ -33,7 +33,8 @@ def localized(
 
     A site localises each scan alone, with `target_precision`; a tracker combines all scans so far,
     with its own target precision. A scan that cannot be read is left out, and the reason is
-    appended to `broken`. A prior is of each scan, or of the first alone if the robot is tracked.
+    appended to `broken`. A prior is of each scan, or of the first alone if the robot is tracked;
+    a scan's own prior goes before it, and is used of a tracked robot only while that is lost.
     """
     for scan in scans:
         try:
@@ -43,9 +44,12 @@ def localized(
             broken.append(reason if scan.name in reason else f"{scan.name}: {reason}")
             continue
         if isinstance(localizer, Site):
-            yield Localized(scan, points_m, localizer.localize(points_m, target_precision, prior))
+            yield Localized(
+                scan, points_m, localizer.localize(points_m, target_precision, scan.prior or prior)
+            )
         else:
-            yield Localized(scan, points_m, localizer.follow(scan, points_m, prior))
+            own_prior = scan.prior if localizer.is_lost else None
+            yield Localized(scan, points_m, localizer.follow(scan, points_m, own_prior or prior))
             prior = None if localizer.is_tracking else prior
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.core.datum import Datum
 from pipeline.core.errors import InputError
 from pipeline.core.frames import Poses
 from pipeline.core.grid import Grid
@@ -63,6 +64,8 @@ class MapOptions:
     voxel_m: float = VOXEL_M
     like: Sequence[NDArray[np.float64]] = ()
     """Scans (n, 3) of the robot that will localise: its sensor, and the height of a cut ground."""
+    datum: Datum | None = None
+    """Where the site's origin lies on the Earth; None if it is unknown."""
 
 
 def pack_map(
@@ -146,6 +149,7 @@ def parts_of_map(
         reader=READER,
         sensor=_sensor(options.like),
         provenance=Provenance.of(name, digests, MAP_VERSIONS),
+        datum=options.datum,
     )
     arrays = {
         **tiled.arrays,

@@ -20,6 +20,7 @@ import numpy as np
 from pipeline.core import schemas, store
 from pipeline.core.building import build, parsed
 from pipeline.core.compute import Compute
+from pipeline.core.datum import Datum
 from pipeline.core.errors import ConfigError
 from pipeline.core.grid import Grid
 from pipeline.core.precisions import JUDGED_PRECISION, shown
@@ -124,8 +125,12 @@ class Packing:
     conf: Path
     """The folder conf/ of the project."""
 
-    def pack(self, trained: Trained, out: Path, progress: Progress) -> str:
+    def pack(
+        self, trained: Trained, out: Path, progress: Progress, datum: Datum | None = None
+    ) -> str:
         """Write the site of a model; returns a line on its content.
+
+        `datum` says where its world lies on the Earth, if that is known.
 
         Raises ConfigError for a model whose submaps gather several scans, ArtifactError if an
         artifact is missing.
@@ -146,6 +151,7 @@ class Packing:
                 reader,
                 progress,
                 trained.verdict,
+                datum,
             )
         if not is_single:
             raise ConfigError(
@@ -209,6 +215,7 @@ class Packing:
             incremental_learning=Increments(
                 site_map.voxel_m, (LearnedDay(trained.train, len(views.stamps_ns)),)
             ),
+            datum=datum,
         )
 
         # the file

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any, Self
 
+from pipeline.core.datum import Datum
 from pipeline.core.grid import Grid
 from pipeline.level.fix import LevelFixer
 from pipeline.posing.map_verdict import NOT_CALIBRATED
@@ -143,6 +144,8 @@ class SiteDescription:
     """None for a site that cannot be updated."""
     calibrated_days: tuple[CalibratedDay, ...] = ()
     """The later days that thresholds were learned from, the latest last; empty for a 3-D map."""
+    datum: Datum | None = None
+    """Where its world lies on the Earth; None if nobody said so."""
 
 
 @dataclass(frozen=True)
@@ -171,6 +174,8 @@ class LevelDescription:
     """The reader of the logs that are localised in it."""
     sensor: Sensor
     provenance: Provenance
+    datum: Datum | None = None
+    """Where its world lies on the Earth; None if nobody said so."""
 
 
 def notes(description: SiteDescription | LevelDescription) -> tuple[str, ...]:
