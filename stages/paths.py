@@ -9,7 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.core import schemas, store
+from pipeline.core.frames import LEVEL_RIGHT_WITHIN
+from pipeline.level.sweeps import OVER_M
+from pipeline.mapping.gathering import gathered_m
 from pipeline.matching.places import Places
+from pipeline.paths.belief import NEW_VIEW_M
 from pipeline.paths.tracks import joined
 from stages import EachSequence, each_sequence, stage
 
@@ -36,9 +40,11 @@ def main(settings: Settings) -> str:
         train = f"{settings.train}.zarr"
         fixes = store.read(settings.fixes / name, schemas.Fixes)
         submaps = store.read(settings.submaps / name, schemas.Submaps)
-        odom_T_scan = store.read(settings.scans / name, schemas.Scans).odom_T_scan
+        scans = store.read(settings.scans / name, schemas.Scans)
         places = Places.of(store.read(settings.labels / train, schemas.Labels))
-        along_path = joined(fixes, odom_T_scan[submaps.scans], settings.path, places)
+        new_view_m = view_reach_m(fixes, scans, submaps)
+        odom_T_anchor = scans.odom_T_scan[submaps.scans]
+        along_path = joined(fixes, odom_T_anchor, settings.path, places, new_view_m)
         store.write(folder / name, along_path)
         n_accepted = int((along_path.novelty[:, 0] < along_path.reject_from()).sum())
         n_accepted_alone = int((fixes.novelty[:, 0] < fixes.reject_from()).sum())
@@ -48,6 +54,14 @@ def main(settings: Settings) -> str:
         )
 
     return each_sequence(settings, follow, "paths")
+
+
+def view_reach_m(fixes: schemas.Fixes, scans: schemas.Scans, submaps: schemas.Submaps) -> float:
+    """How far a robot must move until its next query is a view of its own: queries that gather
+    the same scans are not."""
+    if tuple(fixes.right_within) == LEVEL_RIGHT_WITHIN:
+        return OVER_M  # the stage `poses` gathers level sweeps over this path, not by submaps
+    return max(NEW_VIEW_M, gathered_m(scans, submaps))
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pipeline.core.frames import travelled_m
 from pipeline.core.schemas import PoseColumn, Scans, Submaps
 
 BLOCK = 256
@@ -97,6 +98,15 @@ def submap_points(scans: Scans, submaps: Submaps, rows: slice) -> Iterator[NDArr
     for row, height_m in zip(last - last[0], ground_m, strict=True):
         cloud = points[offsets[row] - offsets[0] : offsets[row + 1] - offsets[0]]
         yield cloud * scans.grain_m - (0.0, 0.0, height_m)
+
+
+def gathered_m(scans: Scans, submaps: Submaps) -> float:
+    """The path in metres over which submaps gather scans, as a median; 0 for single scans."""
+    first, last = submaps.load("first"), submaps.load("scans")
+    if not len(last):
+        return 0.0
+    path_m = travelled_m(scans.load(submaps.layout)[:, :3, 3])
+    return float(np.median(path_m[last] - path_m[first]))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -14,7 +14,7 @@ from pipeline.core.progress import Progress
 from pipeline.core.schemas import Scans, Submaps
 from pipeline.mapping import gathering
 from pipeline.mapping.gathering import Gathering
-from pipeline.mapping.submaps import Accumulated
+from pipeline.mapping.submaps import Accumulated, SingleScan
 from pipeline.views.draw import Drawing
 from tests.artifacts import write_scans
 
@@ -51,6 +51,14 @@ def test_older_scans_lie_behind_in_the_newest_ones_frame(tmp_path: Path) -> None
     one, other = gathered(artifact, cut(artifact))
     np.testing.assert_allclose(one, [[-2, 5, 1], [-1, 5, 1], [0, 5, 1]], atol=1e-9)
     np.testing.assert_allclose(other, one, atol=1e-9)
+
+
+def test_submaps_gather_over_their_window_and_single_scans_over_no_path(tmp_path: Path) -> None:
+    """A metre from scan to scan, and a window of 2 m: the scans of 2 m of path."""
+    artifact = scans(tmp_path, [np.array([[0.0, 5.0, 1.0]])] * 6, driven(6))
+    assert gathering.gathered_m(artifact, cut(artifact)) == pytest.approx(2.0)
+    single = SingleScan(step_m=1.0).cut(artifact, Progress())
+    assert gathering.gathered_m(artifact, single) == 0.0
 
 
 def test_the_ground_is_a_percentile_of_the_heights_around_the_anchor(tmp_path: Path) -> None:

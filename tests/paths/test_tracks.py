@@ -1,6 +1,7 @@
 """Filter, graph and dead reckoning along a drive whose true poses are known."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,12 +10,16 @@ from scipy.spatial.transform import Rotation
 from pipeline.core import schemas, store
 from pipeline.core.errors import InputError
 from pipeline.core.grid import Grid
+from pipeline.core.progress import Progress
+from pipeline.mapping.submaps import Accumulated, SingleScan
 from pipeline.matching.places import Places
 from pipeline.paths import tracks
 from pipeline.paths.filter import Filter
 from pipeline.paths.graph import Graph
 from pipeline.paths.odometry import Odometry
 from pipeline.paths.tracks import Track, joined
+from stages.paths import view_reach_m
+from tests.artifacts import write_scans
 
 FILTER = Filter()
 GRAPH = Graph(True, 0.05, 0.2, 0.1, 0.5, 2.0)
@@ -237,3 +242,18 @@ def test_the_fixes_of_a_drive_are_replaced_by_estimates(tmp_path: Path) -> None:
     assert max((*fixes.place_thresholds, *fixes.several_thresholds)) < 0
     with pytest.raises(InputError, match="80 queries in 1 cases of 79 submaps"):
         joined(store.read(path, schemas.Fixes), seen.odom_T_query[1:], FILTER, places)
+
+
+def test_the_next_view_of_gathered_scans_begins_where_they_are_all_others(tmp_path: Path) -> None:
+    """Submaps gather the last 2 m; level sweeps are gathered over 5 m whatever the submaps are, and
+    of single scans half a metre is enough."""
+    poses = np.tile(np.eye(4), (6, 1, 1))
+    poses[:, 0, 3] = np.arange(6)
+    scans = write_scans(tmp_path / "scans.zarr", [np.array([[5.0, 0.0, 1.0]])] * 6, poses)
+    single = SingleScan(step_m=1.0).cut(scans, Progress())
+    gathered = Accumulated(window_m=2.0, ground_percentile=-1.0).cut(scans, Progress())
+    of_scans = SimpleNamespace(right_within=(2.0, 5.0))
+    of_sweeps = SimpleNamespace(right_within=(1.0, 10.0))
+    assert view_reach_m(of_scans, scans, single) == 0.5
+    assert view_reach_m(of_scans, scans, gathered) == pytest.approx(2.0)
+    assert view_reach_m(of_sweeps, scans, gathered) == 5.0
