@@ -53,19 +53,24 @@ class Field:
     def of(cls, level_map: LevelMap) -> Self:
         """Prepare a map. If its cells are small, each square of them becomes one cell of the field.
 
-        This cell is a wall if any of the cells is a wall, else free if any of them is free.
+        This cell is a wall if any of the cells is a wall, else free if any of them is free. Around
+        the map it has FARTHEST_M of unknown cells: a hit beyond a wall at the map's edge is as far
+        from it as one beyond any other wall.
         """
         merged_cells = max(1, round(CELL_M / level_map.cell_m))
-        walls = _merged(level_map.walls, merged_cells)
-        free = _merged(level_map.free, merged_cells) & ~walls
         cell_m = level_map.cell_m * merged_cells
+        edge = int(np.ceil(FARTHEST_M / cell_m))
+        walls = np.pad(_merged(level_map.walls, merged_cells), edge)
+        free = np.pad(_merged(level_map.free, merged_cells), edge) & ~walls
+        map_T_grid = np.eye(4)
+        map_T_grid[:2, 3] = -edge * cell_m
         distance_m = cell_m * distance_transform_edt(~walls)
         return cls(
             cell_m,
             np.minimum(distance_m, FARTHEST_M).astype(np.float32),
             walls,
             free,
-            level_map.world_T_grid,
+            level_map.world_T_grid @ map_T_grid,
         )
 
     @cached_property

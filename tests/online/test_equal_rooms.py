@@ -46,17 +46,26 @@ def one_room() -> LevelMap:
     return Drawing.of(hits_m, poses, cell_m=CELL_M).level_map()
 
 
-@pytest.fixture(scope="module")
-def twins(tmp_path_factory: pytest.TempPathFactory) -> Site:
-    """The site of both rooms: the same cells twice, with cells between them that nobody saw."""
+@pytest.fixture(scope="module", params=["cells around", "no cells around"])
+def twins(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Site:
+    """The site of both rooms: the same cells twice, with cells between them that nobody saw.
+
+    A map may end at its outermost walls: then one room has its left wall at the edge of the map,
+    the other its right one.
+    """
     room = one_room()
-    rows, cols = room.occupancy.shape
+    first, *_, last = np.flatnonzero(room.walls.any(axis=0))
+    occupancy = room.occupancy[:, first : last + 1]
+    rows, cols = occupancy.shape
     unseen = np.full((rows, round(APART_M / CELL_M) - cols), -1, np.int8)
-    both = np.concatenate([unseen, room.occupancy, unseen, room.occupancy, unseen], axis=1)
+    both = np.concatenate([occupancy, unseen, occupancy], axis=1)
     x_m, y_m, yaw_rad = room.origin
-    origin = (x_m - CELL_M * unseen.shape[1], y_m, yaw_rad)
+    x_m += CELL_M * int(first)
+    if request.param == "cells around":
+        both = np.concatenate([unseen, both, unseen], axis=1)
+        x_m -= CELL_M * unseen.shape[1]
     folder = tmp_path_factory.mktemp("twins")
-    nav2_map.write(folder / "twins.yaml", GridMap(both, CELL_M, origin))
+    nav2_map.write(folder / "twins.yaml", GridMap(both, CELL_M, (x_m, y_m, yaw_rad)))
     pack_map(folder / "twins.yaml", folder / "twins.site")
     return Site.open(folder / "twins.site")
 
