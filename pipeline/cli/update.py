@@ -170,7 +170,9 @@ def _write(
     if not description.verdict.validation_blocks:
         print(f"its verdict is {NOT_CALIBRATED}: `yearloc calibrate {out} LOG`")
         return
+    later = ", ".join(day.day for day in description.calibrated_days)
     print(
         f"its thresholds come from {description.verdict.validation_blocks} validation blocks"
         f"{first_day_words(description)}"
+        f"{f'; it was calibrated on {later}, before this update' if later else ''}"
     )

@@ -183,14 +183,20 @@ def between_others(poses: Poses, odom_T_scan: Poses) -> Poses:
 
 
 def blocks(xy_m: NDArray[np.float64]) -> NDArray[np.int64]:
-    """The validation block (n,) of positions (n, 2) along a drive."""
+    """The validation block (n,) of positions (n, 2) along a drive.
+
+    A position nearer than BLOCK_M to the first of a block is of this block, whenever it was driven:
+    a second round through the same streets is no further evidence.
+    """
     numbers = np.zeros(len(xy_m), np.int64)
-    first_m = xy_m[0]
-    for row in range(1, len(xy_m)):
-        numbers[row] = numbers[row - 1]
-        if np.linalg.norm(xy_m[row] - first_m) >= BLOCK_M:
-            numbers[row] += 1
-            first_m = xy_m[row]
+    firsts_m = np.empty((0, 2))
+    for row, position_m in enumerate(xy_m):
+        away_m = np.linalg.norm(firsts_m - position_m, axis=1)
+        if not len(away_m) or away_m.min() >= BLOCK_M:
+            numbers[row] = len(firsts_m)
+            firsts_m = np.vstack([firsts_m, position_m])
+        else:
+            numbers[row] = away_m.argmin()
     return numbers
 
 

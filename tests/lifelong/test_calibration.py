@@ -40,3 +40,9 @@ def test_scans_within_five_metres_are_one_block() -> None:
     """Blocks begin at 0 m and at 6 m; the scan at 10 m is 4 m from the second beginning."""
     xy_m = np.array([(0.0, 0), (3, 0), (6, 0), (10, 0), (11, 0)])
     assert blocks(xy_m).tolist() == [0, 0, 1, 1, 2]
+
+
+def test_a_second_round_is_no_further_block() -> None:
+    """Back along the same way, 1 m beside it; 20 m is a block of its own."""
+    xy_m = np.array([(0.0, 0), (6, 0), (12, 0), (12, 1), (6, 1), (0, 1), (0, 20)])
+    assert blocks(xy_m).tolist() == [0, 1, 2, 2, 1, 0, 3]

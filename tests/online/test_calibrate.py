@@ -1,28 +1,36 @@
 """`yearloc calibrate` of a site that learned a drive: a later day teaches thresholds anew."""
 
 import shutil
+from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pipeline.core.progress import Progress
+from pipeline.lifelong.calibration import calibration, confirmed
 from pipeline.online import site_file
 from pipeline.online.description import describe
+from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.site import Site
 from tests.commands import Command
 from tests.online.made import packed, scan
+from tests.posing.scene import planar
 
 DAY = "tuesday"
+POSITIONS_M = ((-6.0, -3.0), (-6.0, 3.0), (0.0, 0.0), (6.0, -3.0), (6.0, 3.0))
+"""Where the robot stands in each place, from its anchor."""
 
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """15 scans in the three places by turns, 200 m from one to the next: 15 blocks."""
+    """Five scans in each of the three places, 6 m or more from one to the next: 15 blocks."""
     folder = tmp_path_factory.mktemp("drives") / DAY
     folder.mkdir()
     rows = []
-    for number in range(15):
-        points_m, pose = scan(number % 3, x_m=number / 4 - 2, y_m=1.0, yaw_deg=20.0 * number)
+    for number, (place, (x_m, y_m)) in enumerate(product(range(3), POSITIONS_M)):
+        points_m, pose = scan(place, x_m, y_m, yaw_deg=20.0 * number)
         np.save(folder / f"{number:03d}.npy", points_m.astype(np.float32))
         rows.append(" ".join(map(str, pose[:3].ravel())))
     folder.with_suffix(".txt").write_text("\n".join(rows) + "\n")
@@ -63,6 +71,21 @@ def test_a_second_day_is_kept_beside_the_first(
     assert [day.day for day in days] == ["wednesday", DAY]
     assert "calibrated on wednesday" in str(describe(second))
     assert "calibrated on tuesday" in str(describe(second))
+
+
+def test_fixes_that_odometry_and_others_confirm_teach_too(three_places: Path) -> None:
+    """Six scans in steps of a metre; those at both ends have no fix on one side, and 3 m are one
+    block."""
+    site = Site.open(three_places)
+    scans = []
+    for number in range(6):
+        points_m, pose = scan(1, x_m=number - 3.0, y_m=1.0, yaw_deg=0.0)
+        odom_T_scan = planar(7, 1, 30) @ pose
+        scans.append(Scan("", None, partial(np.asarray, points_m), odom_T_scan, NO_POSE))
+    learned = calibration(site, scans, confirmed(site, scans, 0.95), Progress())
+    assert (learned.scans, learned.right, learned.blocks) == (4, 4, 1)
+    assert learned.learned == ()
+    assert "by the site's own thresholds: 0.9, 0.95" in learned.line("monday")
 
 
 def test_the_day_that_the_site_learned_calibrates_nothing(
