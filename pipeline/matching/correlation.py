@@ -19,6 +19,7 @@ import scipy
 from numba import njit
 from numpy.typing import NDArray
 
+from pipeline.core.settings import Count, NotNegative, Positive, checked
 from pipeline.mapping.wall_chart import BESIDE, SEEN_THROUGH, WALL
 
 BLOCK = 4
@@ -41,6 +42,21 @@ FINE_CELLS = 3
 """Cells to each side of a position that are tried at last."""
 FINE_HEADINGS = 5
 """Headings that are tried at last, half a step apart."""
+
+
+@dataclass(frozen=True)
+@checked("correlation")
+class Correlation:
+    """The settings of the search."""
+
+    headings: Count = 60
+    """Number of headings that are tried first, evenly spaced around the circle."""
+    see_through: NotNegative = 0.3
+    """A seen-through cell on a wall of the map costs this share of what a wall on a wall gains."""
+    blocks: Count = 2000
+    """Number of blocks of 8 cells of which all positions are computed."""
+    apart_m: Positive = 4.0
+    """Answers are at least this far apart."""
 
 
 class Fits(NamedTuple):
@@ -100,54 +116,79 @@ class WallMap:
             narrowed.__dict__[name] = getattr(self, name)
         return narrowed
 
-    def fits(
-        self,
-        scan: NDArray[np.int8],
-        k: int,
-        headings: int,
-        see_through: float,
-        blocks: int,
-        apart_m: float,
-    ) -> Fits:
-        """The `k` best positions of a scan, given its walls (x, y) from above (views/walls.py).
-
-        `headings` evenly spaced headings are tried first. A seen-through cell on a wall of the map
-        costs `see_through` of what a wall on a wall gains. The scores of `blocks` blocks are
-        computed. The positions are at least `apart_m` apart.
-        """
-        scan = np.where(self._is_in_reach, scan, 0)  # at no heading is a cell beyond the border
-        walls, through = _cells(scan == WALL), _cells(scan == SEEN_THROUGH)
+    def fits(self, scan: NDArray[np.int8], k: int, search: Correlation) -> Fits:
+        """The `k` best positions of a scan, given its walls (x, y) from above (views/walls.py)."""
         strips, _ = self._strips
+        walls, _ = self._cells_in_reach(scan)
         if not len(walls) or not len(strips):
             return Fits(np.empty((0, 2)), np.empty(0), np.empty(0))
-        cell, heading_rad = self._rough_fits(scan, k, headings, see_through, blocks, apart_m)
-        turns = (np.arange(FINE_HEADINGS) - FINE_HEADINGS // 2) * (2 * np.pi / headings / 2)
+        cell, heading_rad = self._rough_fits(scan, k, search)
+        cell, heading_rad, scores = self._fine_fits(scan, cell, heading_rad, search)
+        order = np.argsort(-scores, kind="stable")
+        xy_m = self.corner_m + (cell[order] - self._low) * self.cell_m
+        return Fits(xy_m, np.rad2deg(heading_rad[order]) % 360.0, scores[order])
+
+    def score_at(
+        self,
+        scan: NDArray[np.int8],
+        xy_m: NDArray[np.float64],
+        heading_deg: float,
+        search: Correlation,
+    ) -> float:
+        """The score of a scan (x, y) at a position (2,) in the world, as in `Fits`.
+
+        It is the best score within FINE_CELLS cells and one step of headings; 0 without walls.
+        Positions beyond the border of the map score 0.
+        """
+        walls, _ = self._cells_in_reach(scan)
+        cell = np.rint((xy_m - self.corner_m) / self.cell_m).astype(np.int64) + self._low
+        reach_cells = self.reach_cells + FINE_CELLS + 1
+        is_inside = (cell >= reach_cells).all() and (cell + reach_cells < self.chart.shape).all()
+        if not len(walls) or not is_inside:
+            return 0.0
+        heading_rad = np.deg2rad(np.array([heading_deg]))
+        _, _, scores = self._fine_fits(scan, cell[None], heading_rad, search)
+        return float(scores[0])
+
+    def _fine_fits(
+        self,
+        scan: NDArray[np.int8],
+        cell: NDArray[np.int64],
+        heading_rad: NDArray[np.float64],
+        search: Correlation,
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """The best cells (k, 2), headings (k,) and scores (k,) around cells of the chart."""
+        walls, through = self._cells_in_reach(scan)
+        turns = (np.arange(FINE_HEADINGS) - FINE_HEADINGS // 2) * (np.pi / search.headings)
         tried_rad = (heading_rad[:, None] + turns).ravel()
         sums, tried_cell = _best_around(
             self.chart,
             np.repeat(cell, FINE_HEADINGS, axis=0) - FINE_CELLS,
             _turned(walls, tried_rad),
             _turned(through, tried_rad),
-            see_through,
+            search.see_through,
         )
         sums = sums.reshape(-1, FINE_HEADINGS)
-        best = sums.argmax(axis=1)
-        rows = np.arange(len(cell)) * FINE_HEADINGS + best
-        order = np.argsort(-sums.max(axis=1), kind="stable")
-        xy_m = self.corner_m + (tried_cell[rows[order]] - self._low) * self.cell_m
-        scores = sums.max(axis=1)[order] / (WALL * len(walls))
-        return Fits(xy_m, np.rad2deg(tried_rad[rows[order]]) % 360.0, scores)
+        rows = np.arange(len(cell)) * FINE_HEADINGS + sums.argmax(axis=1)
+        scores = sums.max(axis=1) / (WALL * len(walls))
+        return tried_cell[rows], tried_rad[rows], scores
+
+    def _cells_in_reach(
+        self, scan: NDArray[np.int8]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The walls (n, 2) and the seen-through cells (m, 2) of a scan, from its middle.
+
+        Cells that lie beyond the border of the map at some heading are left out.
+        """
+        scan = np.where(self._is_in_reach, scan, 0)
+        return _cells(scan == WALL), _cells(scan == SEEN_THROUGH)
 
     def _rough_fits(
-        self,
-        scan: NDArray[np.int8],
-        k: int,
-        headings: int,
-        see_through: float,
-        blocks: int,
-        apart_m: float,
+        self, scan: NDArray[np.int8], k: int, search: Correlation
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """The best cells (k, 2) of the padded chart and headings (k,), by cells POOL as wide."""
+        scan = np.where(self._is_in_reach, scan, 0)
+        headings = search.headings
         walls = _cells(np.asarray(_pooled(scan == WALL).any(axis=(1, 3))))
         through = _cells(np.asarray(_pooled(scan == SEEN_THROUGH).all(axis=(1, 3))))
 
@@ -164,12 +205,12 @@ class WallMap:
             strips @ (self._coarse.shape[1] // BLOCK, 1),
             self._offsets(_turned(wall_sample, rough_rad)),
             self._offsets(_turned(through_sample, rough_rad)),
-            see_through * wall_share / through_share,
+            search.see_through * wall_share / through_share,
         )
 
         # Compute the best blocks, at the headings beside theirs too.
         estimates[:, ~has_candidate] = -np.inf
-        count = min(blocks, len(rough_rad) * int(has_candidate.sum()))
+        count = min(search.blocks, len(rough_rad) * int(has_candidate.sum()))
         chosen = np.argpartition(estimates.ravel(), -count)[-count:]
         rough, strip, lane = np.unravel_index(chosen, estimates.shape)
         corner = (strips[strip] + np.column_stack([np.zeros_like(lane), lane])) * BLOCK
@@ -183,11 +224,11 @@ class WallMap:
             width,
             _turned(walls, angles) @ (width, 1),
             _turned(through, angles) @ (width, 1),
-            see_through,
+            search.see_through,
         )
         heading = heading.ravel()
         order = np.argsort(-sums, kind="stable")
-        kept = order[_apart(cell[order], apart_m / (POOL * self.cell_m), k)]
+        kept = order[_apart(cell[order], search.apart_m / (POOL * self.cell_m), k)]
         return cell[kept] * POOL, angles[heading[kept]]
 
     @property
@@ -266,6 +307,33 @@ class WallMap:
         side_cells = np.arange(2 * self.reach_cells) - self.reach_cells + 0.5
         away_cells = np.hypot(side_cells[:, None], side_cells)
         return np.asarray(away_cells <= self.reach_cells + np.sqrt(0.5))
+
+
+def drawn_map(
+    wall: NDArray[np.int64],
+    visited: NDArray[np.int64],
+    candidates_m: float,
+    cell_m: float,
+    reach_cells: int,
+) -> WallMap:
+    """The map of cells with walls (n, 2), each as often as it has points, in whole cells.
+
+    Candidates are the cells up to `candidates_m` along each axis from those `visited` (m, 2).
+    """
+    both = np.concatenate([wall, visited])
+    border = int(np.ceil(candidates_m / cell_m))
+    low = both.min(axis=0) - border
+    shape = both.max(axis=0) - low + border + 1
+    counts = np.bincount((wall - low) @ (shape[1], 1), minlength=int(shape.prod()))
+    is_visited = np.zeros(shape, bool)
+    is_visited[tuple((visited - low).T)] = True
+    return WallMap(
+        counts.reshape(shape).clip(0, 255).astype(np.uint8),
+        np.asarray(scipy.ndimage.maximum_filter(is_visited, 2 * border + 1), bool),
+        low * cell_m,
+        cell_m,
+        reach_cells,
+    )
 
 
 def _chart(is_wall: NDArray[np.bool_]) -> NDArray[np.uint8]:

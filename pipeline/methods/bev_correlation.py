@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
 from scipy.spatial import KDTree
 
 from pipeline.core.errors import InputError
@@ -19,7 +18,7 @@ from pipeline.core.frames import transformed
 from pipeline.core.progress import Progress
 from pipeline.core.settings import Count, NotNegative, Positive, checked
 from pipeline.mapping.wall_chart import WALL
-from pipeline.matching.correlation import FEWEST, Fits, WallMap
+from pipeline.matching.correlation import FEWEST, Correlation, Fits, WallMap, drawn_map
 from pipeline.matching.database import Database, DescriptorMethod
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.matching.rejection import NoveltyEvidence
@@ -100,7 +99,8 @@ class BevCorrelation(DescriptorMethod):
             raise InputError(
                 f"a view of shape {image.shape}: expected {2 * drawn.reach_cells} cells a side"
             )
-        return drawn.fits(image, k, self.headings, self.see_through, self.blocks, self.apart_m)
+        search = Correlation(self.headings, self.see_through, self.blocks, self.apart_m)
+        return drawn.fits(image, k, search)
 
     def _drawn(
         self, images: NDArray[np.int8], world_T_anchor: NDArray[np.float64], reach_cells: int
@@ -152,33 +152,6 @@ class BevLocalizer:
         novelty = np.where(np.isfinite(costs[:, :1]), costs[:, :1], 1.0)
         confidence = np.full(len(images), np.nan, np.float32)
         return Ranking(places, costs, xy_m, novelty, confidence, heading_deg, (KIND,))
-
-
-def drawn_map(
-    wall: NDArray[np.int64],
-    visited: NDArray[np.int64],
-    candidates_m: float,
-    cell_m: float,
-    reach_cells: int,
-) -> WallMap:
-    """The map of cells with walls (n, 2), each as often as it has points, in whole cells.
-
-    Candidates are the cells up to `candidates_m` along each axis from those `visited` (m, 2).
-    """
-    both = np.concatenate([wall, visited])
-    border = int(np.ceil(candidates_m / cell_m))
-    low = both.min(axis=0) - border
-    shape = both.max(axis=0) - low + border + 1
-    counts = np.bincount((wall - low) @ (shape[1], 1), minlength=int(shape.prod()))
-    is_visited = np.zeros(shape, bool)
-    is_visited[tuple((visited - low).T)] = True
-    return WallMap(
-        counts.reshape(shape).clip(0, 255).astype(np.uint8),
-        np.asarray(maximum_filter(is_visited, 2 * border + 1), bool),
-        low * cell_m,
-        cell_m,
-        reach_cells,
-    )
 
 
 def drawn_in(model: Model, cell_m: float) -> WallMap:

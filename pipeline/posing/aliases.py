@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pipeline.core.frames import pose, yaw
 from pipeline.posing.targets import APART_M, Targets
 from pipeline.posing.walls import Walls
+from pipeline.posing.whole_map import Slid
 
 FAR_M = 40.0
 """Aliases are searched for in the submaps nearer to the pose than this."""
@@ -35,8 +36,8 @@ MOST_ALIASES = 3
 class Alias(NamedTuple):
     """A pose elsewhere at which the walls of a query fit well."""
 
-    score: float
-    """How well the walls fit, as `Walls.scores` measures it."""
+    margin: float
+    """How much better the walls fit at the pose itself than here."""
     row: int
     """The training submap whose walls the query's walls fit."""
     target_T_query: NDArray[np.float64]
@@ -112,7 +113,48 @@ def aliases(
         return Aliases(0.0, ())
     margin = float(np.clip(score_at_pose - fits[0].score, -WIDEST_MARGIN, WIDEST_MARGIN))
     world_xy_m = np.array([fit.world_xy_m(targets) for fit in fits])
-    return Aliases(margin, tuple(fits[i].alias() for i in _spaced(world_xy_m)[:MOST_ALIASES]))
+    ranked = [fits[i].alias(score_at_pose) for i in _spaced(world_xy_m)[:MOST_ALIASES]]
+    return Aliases(margin, tuple(ranked))
+
+
+def everywhere(
+    slid: Slid,
+    targets: Targets,
+    world_T_query: NDArray[np.float64],
+    left_out: NDArray[np.bool_],
+    near: Aliases,
+    least_margin: float,
+) -> Aliases:
+    """The aliases of a pose (4, 4) in the whole map, given those `near` it (see `aliases`).
+
+    The margin is the smaller of both. Fits elsewhere in the map count as aliases if the pose's
+    margin over them is below `least_margin`, and if they are APART_M or more from the near aliases.
+    """
+    rows = slid.elsewhere(world_T_query, ALIAS_FROM_M)
+    if not len(rows):
+        return near
+    margins = slid.score_at(world_T_query) - slid.fits.scores[rows]
+    ranked = list(near.ranked)
+    taken_m = [_world_xy_m(targets, alias.row, alias.target_T_query) for alias in ranked]
+    for fit, margin in zip(rows.tolist(), margins.tolist(), strict=True):
+        if margin >= least_margin or len(ranked) >= len(near.ranked) + MOST_ALIASES:
+            break
+        xy_m = slid.fits.xy_m[fit]
+        if all(np.linalg.norm(xy_m - taken) >= APART_M for taken in taken_m):
+            for row, guess in targets.guesses(
+                xy_m[None], slid.fits.heading_deg[None, fit], left_out
+            ):
+                ranked.append(Alias(margin, row, guess))
+                taken_m.append(xy_m)
+    margin = float(np.clip(margins[0], -WIDEST_MARGIN, WIDEST_MARGIN))
+    return Aliases(min(margin, near.margin) if near.ranked else margin, tuple(ranked))
+
+
+def _world_xy_m(
+    targets: Targets, row: int, target_T_query: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The position (2,) in the world of a pose (4, 4) in a submap's frame."""
+    return np.asarray((targets.world_T_anchor[row] @ target_T_query)[:2, 3])
 
 
 class _Fit(NamedTuple):
@@ -130,11 +172,11 @@ class _Fit(NamedTuple):
         """The query's position (2,) in the world."""
         return np.asarray(targets.world_T_anchor[self.row] @ (self.x_m, self.y_m, 0.0, 1.0))[:2]
 
-    def alias(self) -> Alias:
+    def alias(self, score_at_pose: float) -> Alias:
         """The fit as an alias."""
         xyz_m = np.array([[self.x_m, self.y_m, 0.0]])
         roll_pitch_yaw = np.array([[0.0, 0.0, self.heading_rad]])
-        return Alias(self.score, self.row, pose(xyz_m, roll_pitch_yaw)[0])
+        return Alias(score_at_pose - self.score, self.row, pose(xyz_m, roll_pitch_yaw)[0])
 
 
 def _spaced(xy_m: NDArray[np.float64], apart_m: float = APART_M) -> list[int]:

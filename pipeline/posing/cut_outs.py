@@ -89,10 +89,6 @@ class CutOuts(Targets):
             above_m = np.vecdot(anchor_T_world[:, 2, :3], points_m) + anchor_T_world[:, 2, 3]
             yield points_m, above_m
 
-    def similar(self, walls: Walls, walls_m: Points, left_out: NDArray[np.bool_]) -> Iterator[int]:
-        """No rows: the ranking has searched the whole map already."""
-        yield from ()
-
     def _chart(self, walls: Walls, row: int) -> Chart:
         """The walls of the map around a row's anchor, whose axes are the world's from above."""
         if walls.cell_m != self.drawn.cell_m:

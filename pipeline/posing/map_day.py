@@ -14,8 +14,7 @@ from pipeline.core.errors import InputError
 from pipeline.core.progress import Progress
 from pipeline.mapping.anchored_map import CELL_M, NEAR_M, AnchoredMap
 from pipeline.mapping.tiled_map import GRAIN_M
-from pipeline.matching.correlation import WallMap
-from pipeline.methods.bev_correlation import drawn_map
+from pipeline.matching.correlation import WallMap, drawn_map
 from pipeline.views.walls import Walls as WallView
 
 VOXEL_M = 0.4

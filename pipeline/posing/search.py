@@ -16,18 +16,17 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from itertools import chain, islice
+from itertools import islice
 from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, InputError
-from pipeline.core.frames import pose, yaw
 from pipeline.core.settings import Count, NotNegative, Share, checked
 from pipeline.mapping.wall_chart import Chart
 from pipeline.matching.ranking import Ranking
-from pipeline.posing.aliases import aliases
+from pipeline.posing.aliases import Aliases, aliases, everywhere
 from pipeline.posing.expectations import Expectations
 from pipeline.posing.fix import Hypothesis, ScanFix, is_same_pose
 from pipeline.posing.prior import Prior
@@ -36,6 +35,7 @@ from pipeline.posing.registration import Alignment, Approach, Cloud, Points, Reg
 from pipeline.posing.targets import Targets, within_range
 from pipeline.posing.verification import Agreement, Seen, agreement
 from pipeline.posing.walls import Walls
+from pipeline.posing.whole_map import Slid, WholeMap
 
 BESIDE_BOUNDS_M = (2.5, 15.0)
 """A pose is also checked against a second submap: at least the first distance away from the first
@@ -117,8 +117,8 @@ class Query:
 class Fixer:
     """Turns the answers of a ranking into a fix (conf/poses.yaml)."""
 
-    coarse: Walls = field(default_factory=lambda: Walls(cell_m=2.0, headings=60))
-    """Matches walls over the whole map, once the ranking has no more candidates."""
+    whole_map: WholeMap = field(default_factory=WholeMap)
+    """Slides walls over the whole map: for candidates that the ranking lacks, and for aliases."""
     walls: Walls = field(default_factory=Walls)
     """Matches walls with one candidate."""
     registration: Registration = field(default_factory=Registration)
@@ -167,7 +167,10 @@ class Fixer:
         if query is None:
             return ScanFix()
         left_out = np.zeros(len(targets.world_T_anchor), bool) if left_out is None else left_out
-        search = _Search(self, query, targets, left_out, prior)
+        slid = None
+        if not targets.is_map and not left_out.all():
+            slid = self._slid(query, targets, left_out, prior)
+        search = _Search(self, query, targets, left_out, prior, slid)
         return self._first_sure(partial(search.everywhere, answers), search.from_aliases, prior)
 
     def track(
@@ -196,6 +199,20 @@ class Fixer:
         except InputError:
             return None
         return Query(points_m, cloud, self.walls, targets.single or targets.is_map)
+
+    def _slid(
+        self,
+        query: Query,
+        targets: Targets,
+        left_out: NDArray[np.bool_],
+        prior: Prior | None,
+    ) -> Slid:
+        """The query, to be slid over the walls of the whole map, or of the map within a prior."""
+        walls = targets.wall_map(self.whole_map, left_out)
+        if prior is not None:
+            walls = walls.near(prior.xy_m, prior.reach_m)
+        scan = self.whole_map.scan(query.points_m, query.is_single_scan)
+        return Slid(self.whole_map, walls, scan)
 
     def _first_sure(
         self,
@@ -250,6 +267,9 @@ class _Search:
     targets: Targets
     left_out: NDArray[np.bool_]
     prior: Prior | None = None
+    slid: Slid | None = None
+    """The query over the walls of the whole map; None if only a guess is tried, or if the ranking
+    has searched the whole map."""
 
     def everywhere(
         self, answers: Answers, least_overlap: Callable[[], float]
@@ -272,9 +292,14 @@ class _Search:
             yield from self._from_answers(answers, least_overlap)
             return
         yield from self._from_first_answer(answers, least_overlap)
-        nearest = self.targets.nearest(answers.xy_m, left_out)
-        similar = self.targets.similar(self.fixer.coarse, self.query.walls_m, left_out)
-        rows = self.targets.spaced(chain(nearest, similar))
+        if self.slid is not None:
+            fits = self.slid.fits
+            found = Answers(fits.xy_m, fits.heading_deg)
+            if self.prior is not None:
+                found = found.near(self.prior)
+            guesses = dict(self._guesses(found, slice(self.fixer.tries)))
+            yield from self._refined_best(guesses, self.fixer.refined, least_overlap)
+        rows = self.targets.spaced(self.targets.nearest(answers.xy_m, left_out))
         for count in self.fixer.rounds:
             yield from self._round(list(islice(rows, count)), least_overlap)
 
@@ -319,25 +344,10 @@ class _Search:
             first += self.fixer.tries
 
     def _guesses(self, answers: Answers, rows: slice) -> Iterator[tuple[int, NDArray[np.float64]]]:
-        """For each of some answers, the nearest submap and the guessed pose (4, 4) in its frame.
-
-        There is none for an answer without position or heading, or if all submaps are left out.
-        """
-        for xy_m, heading_deg in zip(answers.xy_m[rows], answers.heading_deg[rows], strict=True):
-            if not np.isfinite([*xy_m, heading_deg]).all():
-                continue
-            # The nearest submap: a single row, or none if all are left out.
-            for row in self.targets.nearest(xy_m[None], self.left_out):
-                world_T_anchor = self.targets.world_T_anchor[row]
-                # The answer's heading and position in the frame of that submap's anchor.
-                turn_rad = np.deg2rad(heading_deg) - yaw(world_T_anchor)
-                offset_m = world_T_anchor[:3, :3].T @ np.append(xy_m - world_T_anchor[:2, 3], 0.0)
-                if (np.abs(offset_m[:2]) > self.fixer.walls.offset_m).any():
-                    offset_m = np.zeros(3)  # too far from the anchor to start there
-                yield (
-                    row,
-                    pose(np.array([[*offset_m[:2], 0.0]]), np.array([[0.0, 0.0, turn_rad]]))[0],
-                )
+        """For each of some answers, the nearest submap and the guessed pose (4, 4) in its frame."""
+        xy_m, heading_deg = answers.xy_m[rows], answers.heading_deg[rows]
+        reach_m = self.fixer.walls.offset_m
+        yield from self.targets.guesses(xy_m, heading_deg, self.left_out, reach_m)
 
     def _round(
         self, rows: Sequence[int], least_overlap: Callable[[], float]
@@ -418,12 +428,20 @@ class _Search:
             here=self._agreement(row, world_T_query),
             beside=self._agreement(self._beside(row, world_T_query), world_T_query),
             tilt_deg=float(np.rad2deg(np.arccos(upward_cosine))),
-            aliases=aliases(
-                fixer.walls, self.targets, self.query.middles, world_T_query, self.left_out
-            ),
+            aliases=self._aliases(world_T_query),
             approach_overlap=approach_overlap,
             excess=fixer.expectations.excess(world_T_query[:2, 3]),
         )
+
+    def _aliases(self, world_T_query: NDArray[np.float64]) -> Aliases:
+        """The aliases of a pose, near it and in the whole map."""
+        near = aliases(
+            self.fixer.walls, self.targets, self.query.middles, world_T_query, self.left_out
+        )
+        if self.slid is None:
+            return near
+        least_margin = self.fixer.least_margin
+        return everywhere(self.slid, self.targets, world_T_query, self.left_out, near, least_margin)
 
     def _agreement(self, row: int, world_T_query: NDArray[np.float64]) -> Agreement:
         """The agreement of the query, at a pose, with a submap."""

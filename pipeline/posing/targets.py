@@ -2,7 +2,7 @@
 
 `write_map` thins the submaps of a training sequence and writes them as a map artifact. `Targets`
 reads this artifact, prepares submaps for registration when they are first needed, and chooses the
-candidates for a query: the submaps that a ranking points to, or whose walls look like the query's.
+candidates for a query: the submaps that a ranking points to.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -15,16 +15,20 @@ import small_gicp
 from numpy.typing import NDArray
 
 from pipeline.core import schemas, store
-from pipeline.core.frames import Poses
+from pipeline.core.frames import Poses, pose, yaw
 from pipeline.mapping.gathering import submap_points
 from pipeline.mapping.tiled_map import GRAIN_M
 from pipeline.mapping.wall_chart import Chart
+from pipeline.matching.correlation import WallMap
 from pipeline.posing.registration import Cloud, Points, Registration
 from pipeline.posing.verification import Seen
 from pipeline.posing.walls import Walls
+from pipeline.posing.whole_map import WholeMap
 
 APART_M = 5.0
 """A candidate nearer than this to an earlier one is skipped."""
+CACHED_MAPS = 2
+"""Number of drawn maps of walls kept in memory, each without other rows."""
 CACHED_CLOUDS = 256
 """Number of prepared clouds kept in memory: some 400 MB for submaps of several scans. Charts are
 small, and all of them are kept."""
@@ -101,6 +105,10 @@ class Targets:
         self.single = single
         self.range_m = range_m
         self.world_T_anchor: Poses = arrays["world_T_anchor"]
+        self._wall_cells: Callable[[WholeMap, int], NDArray[np.int64]] = lru_cache(None)(
+            self._drawn_cells
+        )
+        self._wall_map: Callable[[WholeMap, bytes], WallMap] = lru_cache(CACHED_MAPS)(self._drawn)
         self.chart: Callable[[Walls, int], Chart] = lru_cache(None)(self._chart)
         self.seen: Callable[[Registration, Walls, int], Seen] = lru_cache(cached_clouds)(self._seen)
         self.cloud: Callable[[Registration, int], Cloud] = lru_cache(cached_clouds)(self._cloud)
@@ -143,13 +151,49 @@ class Targets:
                 np.linalg.norm(anchors_m - finite_xy_m[:, None], axis=2).argmin(axis=1).tolist()
             )
 
-    def similar(self, walls: Walls, walls_m: Points, left_out: NDArray[np.bool_]) -> Iterator[int]:
-        """The rows not `left_out` (row,), those first whose walls fit a query's (n, 3) best."""
-        cells_at_headings = walls.cells_at_headings(walls_m)
-        rows = list(self.spaced(np.flatnonzero(~left_out)))
-        scores = [walls.match(self.chart(walls, row), cells_at_headings).score for row in rows]
-        best_first = sorted(range(len(rows)), key=lambda i: -scores[i])
-        yield from (rows[i] for i in best_first)
+    def guesses(
+        self,
+        xy_m: NDArray[np.float64],
+        heading_deg: NDArray[np.float64],
+        left_out: NDArray[np.bool_],
+        reach_m: float = np.inf,
+    ) -> Iterator[tuple[int, NDArray[np.float64]]]:
+        """For each of some positions (n, 2) with headings (n,), a row and a pose in its frame.
+
+        It is the nearest row, and the pose (4, 4) there; a position farther than `reach_m` from its
+        anchor, along x or y, is moved to the anchor. There is none for a position or a heading that
+        is not finite, or if all rows are `left_out` (row,).
+        """
+        for position_m, heading in zip(xy_m, heading_deg, strict=True):
+            if not np.isfinite([*position_m, heading]).all():
+                continue
+            # The nearest row: a single one, or none if all are left out.
+            for row in self.nearest(position_m[None], left_out):
+                world_T_anchor = self.world_T_anchor[row]
+                # The heading and position in the frame of that row's anchor.
+                turn_rad = np.deg2rad(heading) - yaw(world_T_anchor)
+                away_m = np.append(position_m - world_T_anchor[:2, 3], 0.0)
+                offset_m = world_T_anchor[:3, :3].T @ away_m
+                if (np.abs(offset_m[:2]) > reach_m).any():
+                    offset_m = np.zeros(3)  # too far from the anchor to start there
+                xyz_m = np.array([[*offset_m[:2], 0.0]])
+                yield row, pose(xyz_m, np.array([[0.0, 0.0, turn_rad]]))[0]
+
+    def wall_map(self, whole_map: WholeMap, left_out: NDArray[np.bool_]) -> WallMap:
+        """The walls of all rows that are not `left_out` (row,), drawn into one map."""
+        return self._wall_map(whole_map, np.packbits(left_out).tobytes())
+
+    def _drawn(self, whole_map: WholeMap, left_out_bits: bytes) -> WallMap:
+        """The walls of all rows whose bit is not set, drawn into one map."""
+        bits = np.frombuffer(left_out_bits, np.uint8)
+        left_out = np.unpackbits(bits, count=len(self.world_T_anchor)).astype(bool)
+        rows = np.flatnonzero(~left_out)
+        cells = [self._wall_cells(whole_map, row) for row in rows.tolist()]
+        return whole_map.drawn(cells, self.world_T_anchor[rows, :2, 3])
+
+    def _drawn_cells(self, whole_map: WholeMap, row: int) -> NDArray[np.int64]:
+        """The cells (n, 2) of the world that have walls of a row."""
+        return whole_map.wall_cells(self.points_m(row), self.world_T_anchor[row])
 
     def spaced(self, rows: Iterable[int]) -> Iterator[int]:
         """The rows whose anchors are at least APART_M from those of all rows chosen before."""

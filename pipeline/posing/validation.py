@@ -18,11 +18,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from pipeline.core import schemas, store
 from pipeline.core.compute import Compute
 from pipeline.core.errors import ConfigError, InputError
-from pipeline.core.frames import Poses
+from pipeline.core.frames import Poses, yaw
 from pipeline.core.progress import Progress
 from pipeline.core.settings import Count, Positive, Seed, checked
 from pipeline.mapping.gathering import submap_points
@@ -39,6 +40,10 @@ from pipeline.posing.verdict import OF_SCANS, FixEvidence
 
 PART_LENGTH = 152
 """Number of queries that a process takes at a time."""
+STREET_DEG = 30.0
+"""A street ends where its heading has changed by this."""
+STREET_M = 20.0
+"""Submaps nearer than this to a street belong to it, such as those of a second drive through it."""
 LOST_SHARE = 0.005
 """`least_overlap` ignores this share of the right approaches, those of least overlap."""
 KEPT_SHARE = 0.8
@@ -130,7 +135,9 @@ class ValidationBlocks:
     """Length of a block along the path."""
     around_m: Sequence[float]
     """To make a novel place, the map of a query lacks the submaps nearer than one of these
-    distances; the rows take the distances in turn."""
+    distances; the rows take the distances in turn. The map of every second row lacks the whole
+    street of the query, too: a place that repeats itself along its street is no likelier among the
+    novel places than in the map."""
     enough: Count = 150
     """Wanted number of blocks. While there are fewer, further sets of blocks are kept for
     validation, from the path between the earlier ones. A target precision of .99 takes 99 accepted
@@ -299,7 +306,23 @@ class ValidationBlocks:
     def _surroundings(self, world_T_anchor: NDArray[np.float64], row: int) -> NDArray[np.bool_]:
         """The submaps (submap,) that are left out of the map to make a row a novel place."""
         away_m = np.linalg.norm(world_T_anchor[:, :2, 3] - world_T_anchor[row, :2, 3], axis=1)
-        return np.asarray(away_m < self.around_m[row % len(self.around_m)])
+        is_around = away_m < self.around_m[row // 2 % len(self.around_m)]
+        return np.asarray(is_around | street_of(world_T_anchor, row) if row % 2 else is_around)
+
+
+def street_of(world_T_anchor: NDArray[np.float64], row: int) -> NDArray[np.bool_]:
+    """The submaps (submap,) of the street of a row, given the anchors' poses (submap, 4, 4).
+
+    A street is the stretch of path around the row along which the heading differs from the row's by
+    less than STREET_DEG, with all other submaps within STREET_M of it.
+    """
+    turn_deg = np.rad2deg(yaw(world_T_anchor) - yaw(world_T_anchor[row]))
+    turns = np.flatnonzero(np.abs((turn_deg + 180) % 360 - 180) >= STREET_DEG)
+    first = int(turns[turns < row].max(initial=-1)) + 1
+    last = int(turns[turns > row].min(initial=len(world_T_anchor)))
+    xy_m = world_T_anchor[:, :2, 3]
+    away_m, _ = KDTree(xy_m[first:last]).query(xy_m)
+    return np.asarray(away_m < STREET_M)
 
 
 def least_overlap(fixes: Sequence[ScanFix], world_T_true: Poses) -> float:

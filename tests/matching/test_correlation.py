@@ -9,7 +9,7 @@ from scipy.signal import correlate
 
 from pipeline.mapping.wall_chart import BESIDE, SEEN_THROUGH, WALL
 from pipeline.matching import correlation
-from pipeline.matching.correlation import Fits, WallMap
+from pipeline.matching.correlation import Correlation, Fits, WallMap
 from pipeline.views.walls import Walls
 from tests.mapping.town import scan, town
 from tests.posing.scene import planar
@@ -38,7 +38,7 @@ def seen(
 
 
 def fits(walls: WallMap, image: NDArray[np.int8], k: int = 10, blocks: int = 300) -> Fits:
-    return walls.fits(image, k, HEADINGS, SEE_THROUGH, blocks, apart_m=4.0)
+    return walls.fits(image, k, Correlation(HEADINGS, SEE_THROUGH, blocks, apart_m=4.0))
 
 
 def exhaustive(walls: WallMap, image: NDArray[np.int8]) -> NDArray[np.float64]:
@@ -147,7 +147,7 @@ def test_a_place_whose_walls_the_scan_saw_through_is_worse() -> None:
     assert best[30, 30] == 1.0
     # 8 cells of the wall are seen through, at each 2 · .3 of 2 for each of the 24 cells of walls.
     np.testing.assert_allclose(best[90, 30], 1 - 8 * 2 * SEE_THROUGH / (2 * 24))
-    ignorant = walls.fits(image, 2000, HEADINGS, 0.0, 300, 4.0)
+    ignorant = walls.fits(image, 2000, Correlation(HEADINGS, 0.0, 300, 4.0))
     assert ignorant.scores[1] == 1.0
 
 
@@ -243,3 +243,23 @@ def test_a_window_shows_the_map_around_a_position_and_nothing_beyond_it() -> Non
     expected[4, 3] = WALL
     np.testing.assert_array_equal(window, expected)
     assert not walls.window(np.array([-900.0, 212.0]), 3).any()
+
+
+def test_the_score_at_a_pose_is_that_of_the_fit_there_and_less_elsewhere() -> None:
+    walls = town_map(4, reach=50)
+    image = seen(4, planar(45.0, 40.0, 200.0), reach=50)
+    search = Correlation(HEADINGS, SEE_THROUGH, 300)
+    found = walls.fits(image, 1, search)
+    there = walls.score_at(image, found.xy_m[0], float(found.heading_deg[0]), search)
+    assert there >= found.scores[0]
+    assert there < found.scores[0] + 0.05  # half a step of headings further on
+    assert walls.score_at(image, found.xy_m[0] + [12.0, 0.0], 200.0, search) < there - 0.1
+
+
+def test_no_walls_and_a_position_far_from_the_map_score_nothing() -> None:
+    walls = town_map()
+    image = seen(0, planar(45.0, 45.0, 0.0))
+    search = Correlation(HEADINGS, SEE_THROUGH, 300)
+    assert walls.score_at(image, np.array([1e5, 45.0]), 0.0, search) == 0.0
+    assert walls.score_at(image, np.array([45.0, -1e5]), 0.0, search) == 0.0
+    assert walls.score_at(np.zeros_like(image), np.array([45.0, 45.0]), 0.0, search) == 0.0

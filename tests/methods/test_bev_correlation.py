@@ -5,14 +5,9 @@ import pytest
 
 from pipeline.core.errors import InputError
 from pipeline.core.progress import Progress
+from pipeline.matching.correlation import drawn_map
 from pipeline.matching.ranking import Rows
-from pipeline.methods.bev_correlation import (
-    KIND,
-    BevCorrelation,
-    drawn_in,
-    drawn_map,
-    model_arrays,
-)
+from pipeline.methods.bev_correlation import KIND, BevCorrelation, drawn_in, model_arrays
 from pipeline.views.walls import Walls
 from tests.mapping.town import scan, town
 from tests.posing.scene import planar

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from pipeline.core.frames import yaw
-from pipeline.posing.aliases import FAR_M, aliases
+from pipeline.posing.aliases import FAR_M, WIDEST_MARGIN, aliases, everywhere
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
 from pipeline.posing.walls import Walls
+from pipeline.posing.whole_map import Slid, WholeMap
 from tests.artifacts import write_map
 from tests.posing.scene import planar, seen_from
 
@@ -184,8 +185,9 @@ def test_the_aliases_of_a_pose_among_equal_houses_are_whole_houses_away(tmp_path
     walls = Walls()
     middles = walls.middles(walls.of(visible(points_m, AT)))
     result = aliases(walls, targets, middles, AT, np.zeros(len(targets.world_T_anchor), bool))
-    scores = [alias.score for alias in result.ranked]
-    assert scores == sorted(scores, reverse=True)
+    margins = [alias.margin for alias in result.ranked]
+    assert margins == sorted(margins)
+    assert margins[0] == result.margin
     anchors = [targets.world_T_anchor[alias.row] for alias in result.ranked]
     pairs = zip(anchors, result.ranked, strict=True)
     away_m = [(anchor @ alias.target_T_query)[0, 3] - AT[0, 3] for anchor, alias in pairs]
@@ -233,3 +235,43 @@ def test_at_a_crossing_of_equal_corners_the_best_alias_is_turned(tmp_path: Path)
     turn_deg = np.rad2deg(yaw(result.ranked[0].target_T_query[None])[0])
     assert abs(turn_deg) > 80
     assert abs(result.margin) < 0.05
+
+
+def test_an_alias_at_the_other_end_of_the_map_takes_the_margin_of_a_pose(tmp_path: Path) -> None:
+    """Two equal yards stand 200 m apart. Nothing within 40 m looks like either of them."""
+    yard = [(-9.0, -6.0), (-9.0, 11.0), (4.0, 11.0), (4.0, 6.0), (13.0, 6.0), (13.0, -6.0)]
+    rng = np.random.default_rng(0)
+
+    def made(has_second: bool) -> np.ndarray:
+        one = upright(rng, yard, 2000)
+        ground = np.column_stack(
+            [rng.uniform(-30, 230, 20000), rng.uniform(-20, 20, 20000), np.zeros(20000)]
+        )
+        second = [one + np.array([200.0, 0.0, 0.0])] if has_second else []
+        return np.concatenate([ground, one, *second])
+
+    def judged(has_second: bool) -> tuple[float, list[float]]:
+        """The margin of the pose in the first yard, and where along x its aliases lie."""
+        points_m = made(has_second)
+        anchors = np.array([planar(x_m, 0, 0) for x_m in (*range(0, 12, 4), *range(196, 212, 4))])
+        clouds = [visible(points_m, anchor) for anchor in anchors]
+        path = tmp_path / f"{has_second}.zarr"
+        write_map(path, clouds, anchors)
+        targets = Targets.read(path)
+        none = np.zeros(len(anchors), bool)
+        query_m = visible(points_m, planar(2, 0, 0))
+        walls, whole_map = Walls(), WholeMap()
+        near = aliases(walls, targets, walls.middles(walls.of(query_m)), planar(2, 0, 0), none)
+        slid = Slid(whole_map, targets.wall_map(whole_map, none), whole_map.scan(query_m, True))
+        result = everywhere(slid, targets, planar(2, 0, 0), none, near, least_margin=0.1)
+        beyond = result.ranked[len(near.ranked) :]
+        return result.margin, [
+            float((targets.world_T_anchor[alias.row] @ alias.target_T_query)[0, 3])
+            for alias in beyond
+        ]
+
+    margin, _ = judged(has_second=False)
+    assert margin > 0.5 * WIDEST_MARGIN
+    margin, x_m = judged(has_second=True)
+    assert abs(margin) < 0.05
+    assert abs(x_m[0] - 202) < 2

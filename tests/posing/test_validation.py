@@ -16,7 +16,14 @@ from pipeline.posing.fix import ScanFix
 from pipeline.posing.probabilities import HypothesisModel
 from pipeline.posing.search import Fixer
 from pipeline.posing.targets import write_map
-from pipeline.posing.validation import Drive, TrainingDay, ValidationBlocks, gated, least_overlap
+from pipeline.posing.validation import (
+    Drive,
+    TrainingDay,
+    ValidationBlocks,
+    gated,
+    least_overlap,
+    street_of,
+)
 from pipeline.posing.verdict import USUAL, FixEvidence
 from tests.posing.scene import hypothesis, planar, scene, seen_from
 from tests.posing.test_queries import drive
@@ -173,3 +180,28 @@ def test_settings_that_make_no_evidence_are_refused() -> None:
         Ageing(walls=-1)
     with pytest.raises(ConfigError, match=r"ageing\.went=-1: expected a number from 0 on"):
         Ageing(went=-1)
+
+
+def test_a_street_ends_at_turns_and_has_its_second_drive_and_its_near_ends() -> None:
+    """The path runs 100 m along x, then 100 m along y, then back along the first street, 5 m
+    beside it; rows are 10 m apart."""
+    along = [planar(x_m, 0, 0) for x_m in range(0, 100, 10)]
+    up = [planar(100, y_m, 90) for y_m in range(0, 100, 10)]
+    back = [planar(x_m, 5, 180) for x_m in range(90, -10, -10)]
+    anchors = np.array([*along, *up, *back])
+    street = street_of(anchors, 4)
+    assert street[:10].all()
+    # Within 20 m of the last row at x = 90 m are those of the side street up to y = 17.3 m.
+    assert street[10:20].tolist() == [True] * 2 + [False] * 8
+    assert street[20:].all()
+    side_street = street_of(anchors, 15)
+    assert side_street[10:20].all()
+    assert side_street[:9].tolist() == [False] * 8 + [False]
+    assert side_street[9]
+
+
+def test_every_second_novel_place_lacks_its_whole_street() -> None:
+    anchors = np.array([planar(x_m, 0, 0) for x_m in range(0, 400, 4)])
+    assert VALIDATION._surroundings(anchors, 51).all()
+    around = np.flatnonzero(VALIDATION._surroundings(anchors, 50))
+    assert (around.min(), around.max()) == (41, 59)  # nearer than 40 m
