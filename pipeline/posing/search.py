@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.frames import yaw
 from pipeline.core.settings import Count, NotNegative, Share, checked
 from pipeline.mapping.wall_chart import Chart
 from pipeline.matching.ranking import Ranking
