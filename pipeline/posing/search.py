@@ -27,7 +27,7 @@ from pipeline.core.frames import yaw
 from pipeline.core.settings import Count, NotNegative, Share, checked
 from pipeline.mapping.wall_chart import Chart
 from pipeline.matching.ranking import Ranking
-from pipeline.posing.aliases import Aliases, aliases, everywhere
+from pipeline.posing.aliases import MOST_ALIASES, Aliases, aliases, everywhere
 from pipeline.posing.expectations import Expectations
 from pipeline.posing.fix import Hypothesis, ScanFix, is_same_pose
 from pipeline.posing.prior import Prior
@@ -314,11 +314,22 @@ class _Search:
             yield from self._registered(row, guess)
 
     def from_aliases(self, hypothesis: Hypothesis) -> list[Hypothesis]:
-        """Register the query at each alias of a hypothesis; returns the hypotheses made there."""
-        hypotheses: list[Hypothesis] = []
+        """Register the query at the aliases of a hypothesis; returns the hypotheses made there.
+
+        All aliases are approached, and the MOST_ALIASES that overlap most are refined.
+        """
+        approaches: list[tuple[int, Approach]] = []
         for alias in hypothesis.aliases.ranked:
-            hypotheses += self._registered(alias.row, alias.target_T_query)
-        return hypotheses
+            approaches += [
+                (alias.row, approach)
+                for approach in self._approached(alias.row, alias.target_T_query)
+            ]
+        approaches.sort(key=lambda row_and_approach: -row_and_approach[1].overlap)
+        return [
+            refined
+            for row, approach in approaches[:MOST_ALIASES]
+            for refined in self._refined(row, approach)
+        ]
 
     def _from_first_answer(
         self, answers: Answers, least_overlap: Callable[[], float]
