@@ -40,6 +40,8 @@ FEWEST = 2
 """Wall points that make such a cell a wall: one alone may be a stray."""
 FINE_CELLS = 3
 """Cells to each side of a position that are tried at last."""
+NEAR_CELLS = 1
+"""Cells to each side of a given pose that are tried, for its score."""
 FINE_HEADINGS = 5
 """Headings that are tried at last, half a step apart."""
 
@@ -123,7 +125,7 @@ class WallMap:
         if not len(walls) or not len(strips):
             return Fits(np.empty((0, 2)), np.empty(0), np.empty(0))
         cell, heading_rad = self._rough_fits(scan, k, search)
-        cell, heading_rad, scores = self._fine_fits(scan, cell, heading_rad, search)
+        cell, heading_rad, scores = self._fine_fits(scan, cell, heading_rad, FINE_CELLS, search)
         order = np.argsort(-scores, kind="stable")
         xy_m = self.corner_m + (cell[order] - self._low) * self.cell_m
         return Fits(xy_m, np.rad2deg(heading_rad[order]) % 360.0, scores[order])
@@ -137,17 +139,17 @@ class WallMap:
     ) -> float:
         """The score of a scan (x, y) at a position (2,) in the world, as in `Fits`.
 
-        It is the best score within FINE_CELLS cells and one step of headings; 0 without walls.
+        It is the best score within NEAR_CELLS cells and one step of headings; 0 without walls.
         Positions beyond the border of the map score 0.
         """
         walls, _ = self._cells_in_reach(scan)
         cell = np.rint((xy_m - self.corner_m) / self.cell_m).astype(np.int64) + self._low
-        reach_cells = self.reach_cells + FINE_CELLS + 1
+        reach_cells = self.reach_cells + NEAR_CELLS + 1
         is_inside = (cell >= reach_cells).all() and (cell + reach_cells < self.chart.shape).all()
         if not len(walls) or not is_inside:
             return 0.0
         heading_rad = np.deg2rad(np.array([heading_deg]))
-        _, _, scores = self._fine_fits(scan, cell[None], heading_rad, search)
+        _, _, scores = self._fine_fits(scan, cell[None], heading_rad, NEAR_CELLS, search)
         return float(scores[0])
 
     def _fine_fits(
@@ -155,15 +157,20 @@ class WallMap:
         scan: NDArray[np.int8],
         cell: NDArray[np.int64],
         heading_rad: NDArray[np.float64],
+        around_cells: int,
         search: Correlation,
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """The best cells (k, 2), headings (k,) and scores (k,) around cells of the chart."""
+        """The best cells (k, 2), headings (k,) and scores (k,) around cells of the chart.
+
+        Cells up to `around_cells` to each side are tried.
+        """
         walls, through = self._cells_in_reach(scan)
         turns = (np.arange(FINE_HEADINGS) - FINE_HEADINGS // 2) * (np.pi / search.headings)
         tried_rad = (heading_rad[:, None] + turns).ravel()
         sums, tried_cell = _best_around(
             self.chart,
-            np.repeat(cell, FINE_HEADINGS, axis=0) - FINE_CELLS,
+            np.repeat(cell, FINE_HEADINGS, axis=0) - around_cells,
+            2 * around_cells + 1,
             _turned(walls, tried_rad),
             _turned(through, tried_rad),
             search.see_through,
@@ -489,13 +496,12 @@ def _sum_block(words, start, offsets, at_once, width, sums):  # type: ignore[no-
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _best_around(chart, corners, walls, through, see_through):  # type: ignore[no-untyped-def]
-    """The best sum (try,) in the square of 2 FINE_CELLS + 1 cells that begins at each corner.
+def _best_around(chart, corners, side, walls, through, see_through):  # type: ignore[no-untyped-def]
+    """The best sum (try,) in the square of `side` cells that begins at each corner.
 
     Each try has its own heading: `walls` and `through` are (try, n, 2). Returns the cells (try, 2)
     of the best sums, too.
     """
-    side = 2 * FINE_CELLS + 1
     best = np.empty(len(corners))
     cells = np.empty((len(corners), 2), np.int64)
     gains = np.empty((side, side), np.int32)

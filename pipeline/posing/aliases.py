@@ -130,10 +130,11 @@ def everywhere(
     The margin is the smaller of both. Fits elsewhere in the map count as aliases if the pose's
     margin over them is below `least_margin`, and if they are APART_M or more from the near aliases.
     """
-    rows = slid.elsewhere(world_T_query, ALIAS_FROM_M)
+    score_at_pose = slid.score_at(world_T_query)
+    rows = slid.elsewhere(world_T_query, ALIAS_FROM_M, score_at_pose)
     if not len(rows):
         return near
-    margins = slid.score_at(world_T_query) - slid.fits.scores[rows]
+    margins = score_at_pose - slid.fits.scores[rows]
     ranked = list(near.ranked)
     taken_m = [_world_xy_m(targets, alias.row, alias.target_T_query) for alias in ranked]
     for fit, margin in zip(rows.tolist(), margins.tolist(), strict=True):

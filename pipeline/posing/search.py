@@ -13,7 +13,7 @@
 `Fixer.track` starts from an approximately known pose instead.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import islice
@@ -44,6 +44,10 @@ submap, and nearer to the pose than the second distance."""
 LIKELY = 0.05
 """A hypothesis is likely from this probability on. Only a likely hypothesis is compared with its
 aliases, and with approaches of little overlap."""
+
+
+Guess = tuple[int, NDArray[np.float64]]
+"""A training submap by its row, and a guess of the query's pose (4, 4) in its frame."""
 
 
 class Answers(NamedTuple):
@@ -293,15 +297,11 @@ class _Search:
             yield from self._from_answers(answers, least_overlap)
             return
         yield from self._from_first_answer(answers, least_overlap)
-        if self.slid is not None:
-            fits = self.slid.fits
-            found = Answers(fits.xy_m, fits.heading_deg)
-            if self.prior is not None:
-                found = found.near(self.prior)
-            guesses = dict(self._guesses(found, slice(self.fixer.tries)))
-            yield from self._refined_best(guesses, self.fixer.refined, least_overlap)
+        fits = self._guesses_in_whole_map()
         rows = self.targets.spaced(self.targets.nearest(answers.xy_m, left_out))
         for count in self.fixer.rounds:
+            guesses = list(islice(fits, self.fixer.tries))
+            yield from self._best_first(guesses, least_overlap)
             yield from self._round(list(islice(rows, count)), least_overlap)
 
     def from_guess(self, world_T_guess: NDArray[np.float64], rows: int) -> Iterator[Hypothesis]:
@@ -318,18 +318,8 @@ class _Search:
 
         All aliases are approached, and the MOST_ALIASES that overlap most are refined.
         """
-        approaches: list[tuple[int, Approach]] = []
-        for alias in hypothesis.aliases.ranked:
-            approaches += [
-                (alias.row, approach)
-                for approach in self._approached(alias.row, alias.target_T_query)
-            ]
-        approaches.sort(key=lambda row_and_approach: -row_and_approach[1].overlap)
-        return [
-            refined
-            for row, approach in approaches[:MOST_ALIASES]
-            for refined in self._refined(row, approach)
-        ]
+        guesses = [(alias.row, alias.target_T_query) for alias in hypothesis.aliases.ranked]
+        return list(self._refined_best(guesses, MOST_ALIASES, lambda: 0.0))
 
     def _from_first_answer(
         self, answers: Answers, least_overlap: Callable[[], float]
@@ -351,11 +341,21 @@ class _Search:
         yield from self._from_first_answer(answers, least_overlap)
         first = 1
         for _ in self.fixer.rounds:
-            guesses = dict(self._guesses(answers, slice(first, first + self.fixer.tries)))
+            guesses = self._guesses(answers, slice(first, first + self.fixer.tries))
             yield from self._refined_best(guesses, self.fixer.refined, least_overlap)
             first += self.fixer.tries
 
-    def _guesses(self, answers: Answers, rows: slice) -> Iterator[tuple[int, NDArray[np.float64]]]:
+    def _guesses_in_whole_map(self) -> Iterator[Guess]:
+        """Where the query's walls fit best in the whole map, or within the prior."""
+        if self.slid is None:
+            return
+        fits = self.slid.fits
+        found = Answers(fits.xy_m, fits.heading_deg)
+        if self.prior is not None:
+            found = found.near(self.prior)
+        yield from self._guesses(found, slice(None))
+
+    def _guesses(self, answers: Answers, rows: slice) -> Iterator[Guess]:
         """For each of some answers, the nearest submap and the guessed pose (4, 4) in its frame."""
         xy_m, heading_deg = answers.xy_m[rows], answers.heading_deg[rows]
         reach_m = self.fixer.walls.offset_m
@@ -372,10 +372,18 @@ class _Search:
             headings = self._headings(row)
             matches[row] = fixer.walls.match(chart, self.query.cells_at_headings, headings)
         best_rows = sorted(matches, key=lambda row: -matches[row].score)[: fixer.tries]
-        # Refine the best match first: it is often right, and then the search may end.
-        for group, refined_count in ((best_rows[:1], 1), (best_rows[1:], fixer.refined - 1)):
-            guesses = {row: matches[row].target_T_query for row in group}
-            yield from self._refined_best(guesses, refined_count, least_overlap)
+        guesses = [(row, matches[row].target_T_query) for row in best_rows]
+        yield from self._best_first(guesses, least_overlap)
+
+    def _best_first(
+        self, guesses: Sequence[Guess], least_overlap: Callable[[], float]
+    ) -> Iterator[Hypothesis]:
+        """Hypotheses from guesses, the best first.
+
+        The best guess is refined before the others: it is often right, and the search may end.
+        """
+        yield from self._refined_best(guesses[:1], 1, least_overlap)
+        yield from self._refined_best(guesses[1:], self.fixer.refined - 1, least_overlap)
 
     def _headings(self, row: int) -> NDArray[np.int64] | None:
         """The numbers of the headings within the prior in a submap's frame; None for all."""
@@ -388,19 +396,19 @@ class _Search:
 
     def _refined_best(
         self,
-        guesses: Mapping[int, NDArray[np.float64]],
+        guesses: Iterable[Guess],
         refined_count: int,
         least_overlap: Callable[[], float],
     ) -> Iterator[Hypothesis]:
-        """Approach submaps from guesses (4, 4), by row, and refine those that overlap most."""
-        approaches = {}  # by row
-        for row, guess in guesses.items():
+        """Approach submaps from guesses, and refine the approaches that overlap most."""
+        approaches: list[tuple[int, Approach]] = []
+        for row, guess in guesses:
             for approach in self._approached(row, guess):
                 if approach.overlap >= least_overlap():
-                    approaches[row] = approach
-        rows_by_overlap = sorted(approaches, key=lambda row: -approaches[row].overlap)
-        for row in rows_by_overlap[:refined_count]:
-            yield from self._refined(row, approaches[row])
+                    approaches.append((row, approach))
+        approaches.sort(key=lambda row_and_approach: -row_and_approach[1].overlap)
+        for row, approach in approaches[:refined_count]:
+            yield from self._refined(row, approach)
 
     def _registered(
         self, row: int, target_T_query: NDArray[np.float64], least_overlap: float = 0.0

@@ -11,13 +11,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.frames import transformed, yaw
+from pipeline.core.frames import RIGHT_WITHIN, transformed, wrapped_deg, yaw
 from pipeline.core.settings import Count, Positive, checked
 from pipeline.mapping.wall_chart import WALL, wall_points
 from pipeline.matching.correlation import Correlation, Fits, WallMap, drawn_map
 from pipeline.posing.walls import cell_numbers
 from pipeline.views.walls import Walls as WallView
 
+RIGHT_M, _ = RIGHT_WITHIN
 TURNED_DEG = 45.0
 """A fit at a pose that is turned by more than this from it is an alias, not the pose itself."""
 
@@ -84,9 +85,16 @@ class Slid:
             self.scan, world_T_query[:2, 3], heading_deg, self.settings.correlation
         )
 
-    def elsewhere(self, world_T_query: NDArray[np.float64], from_m: float) -> NDArray[np.int64]:
-        """The numbers of the `fits` that are not at a pose (4, 4): `from_m` or TURNED_DEG away."""
+    def elsewhere(
+        self, world_T_query: NDArray[np.float64], from_m: float, score_at_pose: float
+    ) -> NDArray[np.int64]:
+        """The numbers of the `fits` that are not at a pose (4, 4): `from_m` or TURNED_DEG away.
+
+        Fits that are nearer, but farther away than a right pose is, are elsewhere if they fit
+        better than the pose.
+        """
         away_m = np.linalg.norm(self.fits.xy_m - world_T_query[:2, 3], axis=1)
-        turn_deg = self.fits.heading_deg - np.rad2deg(yaw(world_T_query))
-        turn_deg = np.abs((turn_deg + 180) % 360 - 180)
-        return np.flatnonzero((away_m >= from_m) | (turn_deg >= TURNED_DEG))
+        turn_deg = np.abs(wrapped_deg(self.fits.heading_deg - np.rad2deg(yaw(world_T_query))))
+        is_elsewhere = (away_m >= from_m) | (turn_deg >= TURNED_DEG)
+        is_better = (away_m >= RIGHT_M) & (self.fits.scores > score_at_pose)
+        return np.flatnonzero(is_elsewhere | is_better)
