@@ -68,7 +68,7 @@ class Accepted:
     map_T_odom: np.ndarray
     """(4, 4) the pose of the odometry's frame; NaN without odometry."""
     is_initial: bool
-    """Whether the robot was lost before this pose."""
+    """Whether the robot was not predicted to be there: it was lost, or it was carried."""
 
 
 class Localizer:
@@ -120,20 +120,20 @@ class Localizer:
             if np.isfinite(self._odom_T_previous + odom_T_body).all()
             else None
         )
-        was_lost = self._tracker.is_lost
         points_m = transformed(self._body_T_lidar, self._points(cloud))
         fix = self._tracker.localize(points_m, step, time_ns or None)
         self._odom_T_previous = odom_T_body
         if fix.verdict != "accepted":
             return None
-        if was_lost:
+        starts_track = self._tracker.starts_track
+        if starts_track:
             self._initial_ns = time_ns
         map_T_odom = (
             fix.world_T_sensor @ np.linalg.inv(odom_T_body)
             if np.isfinite(odom_T_body).all()
             else NO_POSE
         )
-        return Accepted(fix.world_T_sensor, in_world(fix).ravel(), map_T_odom, was_lost)
+        return Accepted(fix.world_T_sensor, in_world(fix).ravel(), map_T_odom, starts_track)
 
 
 def fill(position: Any, turn: Any, pose: np.ndarray) -> None:

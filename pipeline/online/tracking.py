@@ -59,6 +59,9 @@ class Tracker:
         """The number of scans with odometry since the scan before (True), and without (False)."""
         self._drive = site.drive()
         self.belief = self._no_belief()
+        self.starts_track = False
+        """Whether the last fix is accepted where the robot was not predicted: it was lost, or it
+        was carried there."""
         self._pose: NDArray[np.float64] | None = None  # world_T_robot; None if the robot is lost
         self._misses = 0  # scans in a row whose fix was not accepted, while tracked
         self._stamp_ns: int | None = None  # of the last scan
@@ -141,6 +144,7 @@ class Tracker:
             fix = sought if fix is None or sought.verdict != "no pose" else fix
         if fix.verdict != "no pose" and fix.probability >= LIKELY:
             self._drive.note_fix(fix.world_T_sensor, self._time_s)
+        self.starts_track = fix.verdict == "accepted" and not self._is_near(fix, predicted_pose)
         if fix.verdict == "accepted":
             self._pose = fix.world_T_sensor
             self._misses = 0
@@ -152,6 +156,13 @@ class Tracker:
             if is_elsewhere or self._misses >= PATIENCE:
                 self._lose()
         return fix
+
+    def _is_near(self, fix: Fix, predicted_pose: NDArray[np.float64] | None) -> bool:
+        """Whether the pose of a fix agrees with a predicted pose (4, 4)."""
+        if predicted_pose is None:
+            return False
+        poses = fix.world_T_sensor[None], predicted_pose[None]
+        return bool(self.site.claim_judge.tolerances.right(*poses)[0])
 
     def _lose(self) -> None:
         """Forget where the robot is."""
