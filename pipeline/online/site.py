@@ -49,7 +49,7 @@ HEIGHT_SETTINGS = ("colormap", "h_min_m", "h_max_m")
 """Settings of a method that map heights to the input of its network."""
 NO_PLACE = -1
 """The place of a pose outside of all places."""
-RUNNERS_UP = 3
+RUNNERS_UP = 4
 """How many other poses a fix lists at most."""
 FARTHEST_M = 1e3
 """Points farther from the origin are dropped: no lidar reaches so far."""

@@ -4,6 +4,9 @@ A feature is a number that is evidence for a pose, such as its overlap with the 
 (`probabilities.FEATURES`). Among houses a right pose overlaps more with the map, and its position
 is more certain, than on an open field. So before a pose is judged, its features are lowered by the
 amount by which right fixes near it, on the training day, exceed that day's medians.
+
+A margin over perceptual aliases is not lowered: where a street repeats itself a small margin is
+expected, and yet it is no evidence for a pose.
 """
 
 from collections.abc import Mapping
@@ -20,6 +23,8 @@ AROUND_M = 15.0
 """The features of right fixes nearer to a pose than this are expected at the pose."""
 FEWEST = 3
 """If fewer right fixes are within AROUND_M, the day's median features are expected."""
+IS_COMPARED = np.array([name in ("margin", "ahead") for name in FEATURES])
+"""(feature,) the features that compare a pose with others; they have no expectation."""
 POSITIONS = "expected_xy_m"
 """The name of the array `xy_m` in a site file."""
 FEATURE_ROWS = "expected_features"
@@ -57,12 +62,14 @@ class Expectations:
     def excess(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """How far the features (feature,) of right fixes around a position (2,) exceed the day's.
 
-        It is the difference of the two medians; 0 if fewer than FEWEST fixes lie within AROUND_M.
+        It is the difference of the two medians; 0 if fewer than FEWEST fixes lie within AROUND_M,
+        and 0 for features that compare a pose with others.
         """
         is_around = np.linalg.norm(self.xy_m - xy_m, axis=1) < AROUND_M
         if is_around.sum() < FEWEST:
             return np.zeros(len(FEATURES))
-        return np.asarray(np.median(self.features[is_around], axis=0) - self._usual)
+        excess = np.median(self.features[is_around], axis=0) - self._usual
+        return np.where(IS_COMPARED, 0.0, excess)
 
     @cached_property
     def _usual(self) -> NDArray[np.float64]:

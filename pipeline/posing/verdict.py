@@ -30,7 +30,7 @@ from pipeline.posing.probabilities import HypothesisModel, learned
 
 TARGET_PRECISIONS = (0.9, 0.95, 0.97, 0.98, 0.985, 0.99, 0.995, 0.999)
 """The target precisions, ascending: shares of right fixes among the accepted fixes."""
-SEVERAL = 3
+SEVERAL = 5
 """Largest number of poses that are reported if no single pose is accepted: the likeliest pose, and
 the first runners-up elsewhere (`Registered.elsewhere`)."""
 CLAIMS = ("fix", "place", "several")
