@@ -11,13 +11,14 @@ from pipeline.posing import covariances
 from pipeline.posing.fix import ScanFix
 from pipeline.posing.later_day import taught_or_tested
 from pipeline.posing.learned_verdict import Learned
+from pipeline.posing.probabilities import OF_MAPS
 from pipeline.posing.search import Fixer
 from pipeline.posing.verdict import (
     CLAIMS,
     TARGET_PRECISIONS,
-    USUAL,
     ClaimThresholds,
     FixEvidence,
+    Judge,
     Verdict,
     never_above_lower,
     usual_thresholds,
@@ -28,6 +29,8 @@ WALLS_M = 50.0
 ROUNDS = (5,)
 """One round of further answers: the search from above has ranked them by the whole map, so the
 first is nearly always right, and a second round of cut-outs only takes time."""
+USUAL = Judge(OF_MAPS, OF_MAPS)
+"""The judge of fixes in a map in which nobody has driven yet."""
 UNSEEN_SHARE = 0.2
 """The expected share of queries from places that the map does not have."""
 USUAL_THRESHOLDS: ClaimThresholds = dict.fromkeys(
@@ -74,7 +77,7 @@ def calibrated(evidence: FixEvidence[ScanFix]) -> Verdict:
     precision are learned if the validation blocks are enough; otherwise they are the usual ones,
     lowered where the drive contradicts them.
     """
-    verdict = evidence.verdict(UNSEEN_SHARE)
+    verdict = evidence.verdict(UNSEEN_SHARE, USUAL)
     judge = replace(USUAL, pose=verdict.pose, place=verdict.place)
     mixed, learned = taught_or_tested(USUAL_THRESHOLDS, judge, evidence, UNSEEN_SHARE)
     thresholds = {claim: never_above_lower(mixed[claim]) for claim in CLAIMS}

@@ -84,7 +84,7 @@ class Tolerances:
         return is_right, away_m < self.near_m
 
 
-OF_SCANS = Tolerances(RIGHT_WITHIN, near_m=15.0, largest_multiple=10.0, scales=probabilities.SCALES)
+OF_SCANS = Tolerances(RIGHT_WITHIN, near_m=15.0, largest_multiple=15.0, scales=probabilities.SCALES)
 """The tolerances of 3-D scans."""
 
 
@@ -312,9 +312,9 @@ class FixEvidence(Generic[FixT_co]):
             )
         return thresholds
 
-    def verdict(self, unseen_share: float) -> Verdict:
-        """The verdict on fixes of 3-D scans, learned from this evidence."""
-        judge = self.learned(unseen_share)
+    def verdict(self, unseen_share: float, start: Judge = USUAL) -> Verdict:
+        """The verdict on fixes of 3-D scans, learned from this evidence, starting from a judge."""
+        judge = self.learned(unseen_share, start)
         thresholds = self.thresholds(judge, unseen_share)
         return Verdict(
             judge.pose,

@@ -4,13 +4,13 @@ import numpy as np
 
 from pipeline.matching.rejection import ACCEPT_NOTHING
 from pipeline.posing.map_verdict import USUAL_THRESHOLDS, calibrated, usual_verdict
-from pipeline.posing.probabilities import USUAL
+from pipeline.posing.probabilities import OF_MAPS
 from tests.posing.test_verdict import evidence
 
 
 def test_a_map_without_a_drive_has_the_usual_probabilities_and_says_so() -> None:
     verdict = usual_verdict()
-    assert verdict.pose == USUAL
+    assert verdict.pose == OF_MAPS
     assert verdict.reachable == verdict.usual == (0.9, 0.95, 0.97, 0.98, 0.985, 0.99)
     assert [pose for pose, *_ in verdict.thresholds.values()] == [*2 * [0.05], *4 * [0.01]]
     assert verdict.validation_blocks == 0
@@ -22,7 +22,7 @@ def test_a_short_drive_keeps_the_usual_thresholds_and_learns_the_probabilities()
     assert verdict.usual == (0.9, 0.95, 0.97, 0.98, 0.985, 0.99)
     assert verdict.claim_thresholds == USUAL_THRESHOLDS
     assert verdict.validation_blocks == 10
-    assert verdict.pose != USUAL
+    assert verdict.pose != OF_MAPS
 
 
 def test_a_longer_drive_learns_the_thresholds_that_its_blocks_suffice_for() -> None:
