@@ -73,7 +73,7 @@ class HypothesisModel:
 
 
 USUAL = HypothesisModel((6.2, 4.2, 7.0, 4.9, 16.7, 7.1), -15.4)
-"""The model that every site of a drive starts from; `learned` adjusts it to the site's own evidence.
+"""The model that the site of a drive starts from; `learned` adjusts it to the site's own evidence.
 
 It was learned from the later days of two simulated campuses, seeds 2 and 5
 (`python -m benchmarks.usual`).
