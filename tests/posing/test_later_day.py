@@ -38,11 +38,11 @@ def test_a_short_day_keeps_the_thresholds_of_the_site_and_its_models() -> None:
 def test_a_long_day_reaches_target_precisions_that_the_site_could_not() -> None:
     """240 of 300 blocks are seen: enough for .995, which takes 199, not for .999, which takes 999.
     All of them are right, with an error probability of at most 1 / (1 + e) = .27, and the novel
-    places have at least .88: so the limit of ten times what .995 allows is the threshold."""
+    places have at least .88: so the limit of fifteen times what .995 allows is the threshold."""
     after = renewed(verdict(), evidence(300))
     assert after.learned == TARGET_PRECISIONS[:7]
     assert after.verdict.reachable == TARGET_PRECISIONS[:7]
-    assert after.verdict.claim_thresholds["fix"][6] == pytest.approx(0.05)
+    assert after.verdict.claim_thresholds["fix"][6] == pytest.approx(0.075)
     assert after.verdict.claim_thresholds["fix"][7] == -1
 
 
