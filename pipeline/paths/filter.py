@@ -22,12 +22,12 @@ class Filter:
         poses = np.full_like(track.world_T_query, np.nan)
         probabilities = np.zeros(len(track.probability))
         most_precise = np.zeros(len(track.probability))
-        belief = Belief(new_view_m=track.new_view_m)
+        belief = _belief(track)
         for row, fix in enumerate(track.world_T_query):
             if row and np.isfinite(track.steps[row - 1]).all():
                 belief.move(track.steps[row - 1])
             else:
-                belief = Belief(new_view_m=track.new_view_m)
+                belief = _belief(track)
             if np.isfinite(fix).all():
                 probability = np.clip(
                     track.probability[row], LEAST_PROBABILITY, 1 - LEAST_PROBABILITY
@@ -39,3 +39,8 @@ class Filter:
                 if np.array_equal(poses[row], fix):
                     most_precise[row] = belief.most_precise(float(probability), accepted_at)
         return Estimates(poses, probabilities, most_precise)
+
+
+def _belief(track: Track) -> Belief:
+    """The belief about a robot that may be anywhere."""
+    return Belief(right_within=track.right_within, new_view_m=track.new_view_m)

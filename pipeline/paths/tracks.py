@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
-from pipeline.core.frames import Poses, turns, yaw
+from pipeline.core.frames import RIGHT_WITHIN, Poses, turns, yaw
 from pipeline.core.schemas import Fixes
 from pipeline.matching.places import Places
 from pipeline.matching.rejection import ACCEPT_NOTHING
@@ -42,6 +42,8 @@ class Track:
     """(q,) the highest target precision at which the fix is accepted; 0 if there is none."""
     new_view_m: float = NEW_VIEW_M
     """A robot that has moved by less has the same view: the same scans, if scans are gathered."""
+    right_within: tuple[float, float] = RIGHT_WITHIN
+    """Metres and degrees within which a pose is right."""
 
     @cached_property
     def steps(self) -> Poses:
@@ -59,7 +61,7 @@ class Estimates:
     world_T_query: Poses
     """(q, 4, 4) poses; NaN for a query without an estimate."""
     probability: NDArray[np.float64]
-    """(q,) the probability that the pose is right: within 2 m and 5°."""
+    """(q,) the probability that the pose is right."""
     most_precise: NDArray[np.float64]
     """(q,) the highest target precision at which the pose is accepted; 0 if it is rejected, however
     probable it is."""
@@ -153,6 +155,7 @@ def _track(fixes: Fixes, rows: slice, odom_T_anchor: Poses, new_view_m: float) -
         fixes.covariance[rows],
         accepted_at,
         new_view_m,
+        fixes.right_within,
     )
 
 

@@ -1,5 +1,6 @@
 """Filter, graph and dead reckoning along a drive whose true poses are known."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -83,6 +84,13 @@ def test_a_filter_carries_a_fix_on_and_is_less_sure_with_every_metre():
     assert (np.diff(found.probability[10:40]) < 0).all()
     assert found.probability[40] > found.probability[39]
     assert found.world_T_query[39] == pytest.approx(TRUE[39], abs=0.2)
+
+
+def test_a_filter_of_level_sweeps_is_less_sure_of_a_carried_fix_since_right_is_narrower():
+    """A level pose is right within 1 m: a drift of 1 m loses it more often than 2 m."""
+    seen = track([10])
+    level = FILTER.along(replace(seen, right_within=(1.0, 10.0)))
+    assert (level.probability[14:30] < FILTER.along(seen).probability[14:30]).all()
 
 
 def test_a_filter_accepts_no_single_perceptual_alias():
