@@ -33,7 +33,7 @@ class WholeMap:
     correlation: Correlation = field(default_factory=Correlation)
     candidates_m: Positive = 6.0
     """A query is searched for up to this distance from the submaps' anchors."""
-    count: Count = 25
+    count: Count = 10
     """Number of positions to find."""
 
     def scan(self, points_m: NDArray[np.float64], is_single_scan: bool) -> NDArray[np.int8]:
