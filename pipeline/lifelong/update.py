@@ -20,7 +20,7 @@ from pipeline.matching.places import Places
 from pipeline.matching.ranking import Rows, TrainingSet
 from pipeline.matching.rejection import VALIDATION
 from pipeline.online.pack import learned_from
-from pipeline.online.site import ROOTS, Site
+from pipeline.online.site import ROOTS, Site, drawn_walls
 from pipeline.online.site_file import Arrays, Parts
 from pipeline.online.site_json import Increments, LearnedDay, SiteDescription
 from pipeline.posing.changes import contradicted, usual_contradiction
@@ -133,6 +133,7 @@ def updated(site: Site, parts: Parts, update: AnyUpdate, name: str, progress: Pr
         "cells": update.places.cells,
         **site.fixer.expectations.arrays,
     }
+    updated_arrays |= drawn_walls(updated_description, updated_arrays)
     updated_model = {key: array for key, array in model.items() if key in parts.model}
     return Parts(updated_description, updated_model, updated_arrays, None, update_views)
 

@@ -10,9 +10,10 @@ beside one by half as much, and a seen-through cell on a wall of the map lowers 
 3. Keep the best positions that are some metres apart.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import scipy
@@ -40,6 +41,8 @@ FEWEST = 2
 """Wall points that make such a cell a wall: one alone may be a stray."""
 FINE_CELLS = 3
 """Cells to each side of a position that are tried at last."""
+DRAWN = "walls/"
+"""Prefix of the arrays of a map of walls, in a model or a site."""
 NEAR_CELLS = 1
 """Cells to each side of a given pose that are tried, for its score."""
 FINE_HEADINGS = 5
@@ -85,6 +88,27 @@ class WallMap:
     cell_m: float
     reach_cells: int
     """A scan has no walls farther from the robot than this."""
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, NDArray[Any]], cell_m: float) -> Self:
+        """The walls in the arrays of a model or of a site, whose cells have sides of `cell_m`."""
+        return cls(
+            arrays[DRAWN + "counts"],
+            arrays[DRAWN + "is_candidate"].astype(bool),
+            arrays[DRAWN + "corner_m"],
+            cell_m,
+            int(arrays[DRAWN + "reach_cells"][0]),
+        )
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The arrays that a model or a site keeps."""
+        return {
+            DRAWN + "counts": self.counts,
+            DRAWN + "is_candidate": self.is_candidate.astype(np.uint8),
+            DRAWN + "corner_m": np.asarray(self.corner_m, np.float64),
+            DRAWN + "reach_cells": np.array([self.reach_cells]),
+        }
 
     @cached_property
     def chart(self) -> NDArray[np.uint8]:

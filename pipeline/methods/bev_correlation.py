@@ -29,8 +29,6 @@ NO_EVIDENCE = NoveltyEvidence(
     np.empty(0, bool), {KIND: np.empty(0)}, {KIND: np.empty(0)}, np.empty(0, np.int64)
 )
 """What is known without validation blocks: with it, all queries are rejected."""
-DRAWN = "walls/"
-"""Prefix of the map's arrays in a model."""
 
 
 @dataclass(frozen=True)
@@ -84,14 +82,14 @@ class BevCorrelation(DescriptorMethod):
         evidence = NO_EVIDENCE if self.of_map else database.evidence(search, views, self, KIND)
         drawn = self._drawn(images, views.world_T_anchor, reach_cells)
         return {
-            **model_arrays(drawn),
+            **drawn.arrays,
             **database.arrays(),
             **evidence.arrays(),
         }
 
     def localizer(self, model: Model) -> Localizer:
         """Rank the positions that fit best; cost and novelty are one minus their score."""
-        return BevLocalizer(self, Database.of(model), drawn_in(model, self.cell_m))
+        return BevLocalizer(self, Database.of(model), WallMap.of_arrays(model, self.cell_m))
 
     def fits(self, drawn: WallMap, image: NDArray[np.int8], k: int) -> Fits:
         """The best positions of one view (x, y); raises InputError for a view of another size."""
@@ -152,24 +150,3 @@ class BevLocalizer:
         novelty = np.where(np.isfinite(costs[:, :1]), costs[:, :1], 1.0)
         confidence = np.full(len(images), np.nan, np.float32)
         return Ranking(places, costs, xy_m, novelty, confidence, heading_deg, (KIND,))
-
-
-def drawn_in(model: Model, cell_m: float) -> WallMap:
-    """The map of walls of a model, whose cells have sides of `cell_m`."""
-    return WallMap(
-        model[DRAWN + "counts"],
-        model[DRAWN + "is_candidate"].astype(bool),
-        model[DRAWN + "corner_m"],
-        cell_m,
-        int(model[DRAWN + "reach_cells"][0]),
-    )
-
-
-def model_arrays(drawn: WallMap) -> dict[str, NDArray[np.generic]]:
-    """The arrays of a model that hold a map of walls."""
-    return {
-        DRAWN + "counts": drawn.counts,
-        DRAWN + "is_candidate": drawn.is_candidate.astype(np.uint8),
-        DRAWN + "corner_m": np.asarray(drawn.corner_m, np.float64),
-        DRAWN + "reach_cells": np.array([drawn.reach_cells]),
-    }

@@ -25,7 +25,7 @@ from pipeline.core.progress import Progress
 from pipeline.mapping.anchored_map import NEAR_M, SPACING_M, AnchoredMap
 from pipeline.mapping.tiled_map import GRAIN_M, Thinning, TiledMap
 from pipeline.matching.database import Database
-from pipeline.methods.bev_correlation import BevCorrelation, model_arrays
+from pipeline.methods.bev_correlation import BevCorrelation
 from pipeline.online import site_file
 from pipeline.online.level_pack import LEVEL_VERSIONS
 from pipeline.online.sensor import typical
@@ -157,7 +157,7 @@ def parts_of_map(
         "cells": cells,
         **Expectations().arrays,
     }
-    model = {**model_arrays(drawn), **database.arrays()}
+    model = {**drawn.arrays, **database.arrays()}
     return Parts(description, model, arrays, None), _lines(anchored)
 
 

@@ -223,6 +223,7 @@ class Packing:
             key: array for key, array in trained_model.items() if not key.startswith(NOT_PACKED)
         }
         arrays = {**arrays, "cells": labels.cells, **learned.expectations.arrays}
+        arrays |= site.drawn_walls(description, arrays)
         incremental_learning_views = learned_from(views, trained_model)
         site_file.write(
             out, site_file.Parts(description, model, arrays, None, incremental_learning_views)

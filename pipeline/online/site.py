@@ -24,6 +24,7 @@ from pipeline.core.frames import Poses, transformed
 from pipeline.formats.bag import CLOUD
 from pipeline.mapping.appearance import is_level
 from pipeline.mapping.from_above import standing
+from pipeline.matching.correlation import WallMap
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Localizer, Ranking, Rows
 from pipeline.networks.plain import Plain
@@ -40,7 +41,7 @@ from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import CLAIMS, AnyFix, Judge
 
-ROOTS = ("pipeline.methods.", "pipeline.views.", "pipeline.posing.")
+ROOTS = ("pipeline.methods.", "pipeline.views.", "pipeline.posing.", "pipeline.matching.")
 """A site file may name classes of these modules only."""
 LEVEL_SITE = ("pipeline.online.level_site", "LevelSite")
 """The module and class of a level site. It is a Site, so its module imports this one; it is
@@ -437,6 +438,15 @@ class Site:
         return int(self.places.at(world_T_query[None, :2, 3])[0])
 
 
+def drawn_walls(description: SiteDescription, arrays: Arrays) -> Arrays:
+    """The arrays of the map of walls of a drive's site: it is drawn once, not by each robot."""
+    settings = description.map
+    targets = Targets(arrays, settings.grain_m, settings.range_m, settings.single)
+    fixer: Fixer = build(description.fixer, ROOTS)
+    nothing = np.zeros(len(targets.world_T_anchor), bool)
+    return targets.wall_map(fixer.whole_map, nothing).arrays
+
+
 def _targets(
     description: SiteDescription, model: Mapping[str, NDArray[Any]], arrays: Arrays
 ) -> Targets:
@@ -444,9 +454,7 @@ def _targets(
     settings = description.map
     if not settings.is_tiled:
         return Targets(arrays, settings.grain_m, settings.range_m, settings.single)
-    from pipeline.methods.bev_correlation import drawn_in  # takes long to import
-
-    drawn = drawn_in(model, float(description.method["cell_m"]))
+    drawn = WallMap.of_arrays(model, float(description.method["cell_m"]))
     return CutOuts(arrays, drawn, settings.grain_m, settings.range_m)
 
 

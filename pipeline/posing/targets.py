@@ -19,7 +19,7 @@ from pipeline.core.frames import Poses, pose, yaw
 from pipeline.mapping.gathering import submap_points
 from pipeline.mapping.tiled_map import GRAIN_M
 from pipeline.mapping.wall_chart import Chart
-from pipeline.matching.correlation import WallMap
+from pipeline.matching.correlation import DRAWN, WallMap
 from pipeline.posing.registration import Cloud, Points, Registration
 from pipeline.posing.verification import Seen
 from pipeline.posing.walls import Walls
@@ -180,13 +180,18 @@ class Targets:
                 yield row, pose(xyz_m, np.array([[0.0, 0.0, turn_rad]]))[0]
 
     def wall_map(self, whole_map: WholeMap, left_out: NDArray[np.bool_]) -> WallMap:
-        """The walls of all rows that are not `left_out` (row,), drawn into one map."""
+        """The walls of all rows that are not `left_out` (row,), drawn into one map.
+
+        A site has the map of all rows among its arrays.
+        """
         return self._wall_map(whole_map, np.packbits(left_out).tobytes())
 
     def _drawn(self, whole_map: WholeMap, left_out_bits: bytes) -> WallMap:
         """The walls of all rows whose bit is not set, drawn into one map."""
         bits = np.frombuffer(left_out_bits, np.uint8)
         left_out = np.unpackbits(bits, count=len(self.world_T_anchor)).astype(bool)
+        if DRAWN + "counts" in self._arrays and not left_out.any():
+            return WallMap.of_arrays(self._arrays, whole_map.view.cell_m)
         rows = np.flatnonzero(~left_out)
         cells = [self._wall_cells(whole_map, row) for row in rows.tolist()]
         return whole_map.drawn(cells, self.world_T_anchor[rows, :2, 3])

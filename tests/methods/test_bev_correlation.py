@@ -5,9 +5,9 @@ import pytest
 
 from pipeline.core.errors import InputError
 from pipeline.core.progress import Progress
-from pipeline.matching.correlation import drawn_map
+from pipeline.matching.correlation import WallMap, drawn_map
 from pipeline.matching.ranking import Rows
-from pipeline.methods.bev_correlation import KIND, BevCorrelation, drawn_in, model_arrays
+from pipeline.methods.bev_correlation import KIND, BevCorrelation
 from pipeline.views.walls import Walls
 from tests.mapping.town import scan, town
 from tests.posing.scene import planar
@@ -101,7 +101,7 @@ def test_a_map_may_have_no_walls() -> None:
 
 def test_a_model_keeps_the_map_as_it_is() -> None:
     drawn = drawn_map(np.array([[5, 6], [1, 2]]), np.array([[3, 3]]), 2.0, 1.0, 30)
-    again = drawn_in(model_arrays(drawn), 1.0)
+    again = WallMap.of_arrays(drawn.arrays, 1.0)
     np.testing.assert_array_equal(again.counts, drawn.counts)
     np.testing.assert_array_equal(again.is_candidate, drawn.is_candidate)
     np.testing.assert_array_equal(again.corner_m, drawn.corner_m)

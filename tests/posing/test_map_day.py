@@ -13,7 +13,7 @@ from pipeline.mapping.gathering import scan_points
 from pipeline.mapping.tiled_map import Thinning
 from pipeline.matching.correlation import WallMap
 from pipeline.matching.ranking import Rows
-from pipeline.methods.bev_correlation import BevCorrelation, drawn_in
+from pipeline.methods.bev_correlation import BevCorrelation
 from pipeline.posing.cut_outs import CutOuts, read_targets
 from pipeline.posing.map_day import (
     RANGE_M,
@@ -67,7 +67,7 @@ def test_on_level_ground_the_method_draws_the_walls_that_a_site_has() -> None:
     model = BevCorrelation(of_map=True).learn(rows, np.arange(len(anchors)), Progress())
     cells, cells_of_site = (
         {tuple(cell) for cell in (np.argwhere(drawn.counts > 0) + drawn.corner_m).tolist()}
-        for drawn in (drawn_in(model, 1.0), of_site)
+        for drawn in (WallMap.of_arrays(model, 1.0), of_site)
     )
     assert len(cells & cells_of_site) > 0.97 * len(cells | cells_of_site)
     assert model["validation/block"].size == 0

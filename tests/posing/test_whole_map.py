@@ -73,3 +73,17 @@ def test_only_a_single_scan_has_seen_through_the_space_before_walls() -> None:
     assert (single == SEEN_THROUGH).any()
     assert not (gathered == SEEN_THROUGH).any()
     assert ((single == WALL) == (gathered == WALL)).all()
+
+
+def test_the_map_of_walls_in_a_site_is_the_one_that_its_submaps_draw(tmp_path: Path) -> None:
+    targets = mapped(tmp_path)
+    drawn = targets.wall_map(WholeMap(), NONE)
+    arrays = {name: targets._arrays[name] for name in ("points", "offsets", "world_T_anchor")}
+    arrays |= drawn.arrays
+    arrays["points"] = arrays["points"] * 0  # nothing can be drawn from these
+    of_site = Targets(arrays, 0.01, 80.0, single=True)
+    again = of_site.wall_map(WholeMap(), NONE)
+    assert (again.counts == drawn.counts).all()
+    assert (again.is_candidate == drawn.is_candidate).all()
+    # Without some rows it is drawn anew.
+    assert not of_site.wall_map(WholeMap(), np.arange(5) < 2).counts.any()
