@@ -372,7 +372,9 @@ def test_a_slip_in_a_data_sets_yaml_is_one_line(project, capsys, old, new, said)
 def test_a_study_by_hand_names_what_there_is(project, capsys):
     main(["use", "campus"])
     by_hand(project, "campus_demo", "moon")
-    assert "campus: world=moon: expected one of campus_demo" in refused(capsys, "use")
+    assert "campus: world=moon: expected one of campus_colonnade, campus_demo" in refused(
+        capsys, "use"
+    )
     main(["use", "campus"])
     by_hand(project, "    grids:", "    cells: [7m]\n    grids:")
     assert "campus: grid=7m: expected one of 10m" in refused(capsys, "use")

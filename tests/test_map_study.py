@@ -39,7 +39,7 @@ def test_nothing_is_learned_from_a_map_on_when_to_reject(built: Path) -> None:
     fixes = store.read(built / MODEL.format("poses"), schemas.Fixes)
     assert ranking.thresholds == (ACCEPT_NOTHING,)
     assert fixes.validation_blocks == 0
-    assert fixes.pose_thresholds == (0.05, 0.01, ACCEPT_NOTHING)
+    assert fixes.pose_thresholds == (0.05, 0.05, 0.01, 0.01, 0.01, 0.01, *2 * [ACCEPT_NOTHING])
 
 
 def test_poses_are_right_and_that_of_another_town_is_not_accepted(built: Path) -> None:

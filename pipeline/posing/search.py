@@ -341,8 +341,9 @@ class _Search:
         yield from self._from_first_answer(answers, least_overlap)
         first = 1
         for _ in self.fixer.rounds:
-            guesses = self._guesses(answers, slice(first, first + self.fixer.tries))
-            yield from self._refined_best(guesses, self.fixer.refined, least_overlap)
+            # a cut-out is approached once, from the last of its guesses
+            guesses = dict(self._guesses(answers, slice(first, first + self.fixer.tries)))
+            yield from self._refined_best(guesses.items(), self.fixer.refined, least_overlap)
             first += self.fixer.tries
 
     def _guesses_in_whole_map(self) -> Iterator[Guess]:
