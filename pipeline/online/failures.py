@@ -42,7 +42,7 @@ def draw(targets: Targets, fix: JudgedFix, path: Path, heading_end: str) -> None
 
     `heading_end` is the last line of the card's title.
     """
-    figure = Figure((10, 5.6), layout="constrained", dpi=110)
+    figure = Figure((10, 5.9), layout="constrained", dpi=110)
     placed_axes, true_axes = figure.subplots(1, 2)
     panels = ((placed_axes, fix.world_T_found), (true_axes, fix.world_T_true))
     for axes, world_T_scan in panels:

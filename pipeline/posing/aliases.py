@@ -5,9 +5,10 @@ farther on as well as where it is. A crossing with equal corners looks the same 
 (METHODS 9.4).
 
 In: a query's walls and a pose. Out: the poses elsewhere at which the walls fit best, and the margin
-by which they fit better at the pose itself. To find the aliases, the walls are scored at all
-offsets on the charts (walls drawn from above) of the submaps around the pose: at the pose's
-heading, and on the nearest submap also at headings turned by TURNS_DEG.
+by which they fit better at the pose itself. `aliases` finds those near the pose: the walls are
+scored at all offsets on the charts (walls drawn from above) of the submaps around it, at the pose's
+heading, and on the nearest submap also at headings turned by TURNS_DEG. `everywhere` adds those at
+which the walls fit in the whole map.
 """
 
 from dataclasses import dataclass

@@ -3,9 +3,9 @@
 `Fixer.fix` makes hypotheses, poses that the query may have, one after the other until one is sure:
 
 1. Register the query against the submap at the pose of the ranking's first answer.
-2. Work through rounds of candidates: first the places of the ranking, then the whole map by the
-   similarity of walls. In each round, match walls from above, register roughly from the best
-   matches (an approach), and refine the approaches that overlap most.
+2. Work through rounds of candidates: the poses at which the query's walls fit best in the whole
+   map, and the places of the ranking, whose walls are matched from above. In each round, register
+   roughly from the best of both (an approach), and refine the approaches that overlap most.
 3. Check each refined pose against the map (`Hypothesis`), and compute the probability of each.
 4. If the likeliest pose has perceptual aliases that fit about as well (`aliases`), register the
    query at these too.
