@@ -1,7 +1,8 @@
 """The precision that is kept for a wanted one, and the words that say so.
 
 A target precision is a share of right poses among the accepted ones. Validation blocks show which
-of them a site or a study can keep; asked for more, it keeps the largest of those.
+of them a site or a study can keep: it keeps the least of those that promises what is wanted, or, if
+more is wanted, the largest of them.
 """
 
 from collections.abc import Iterable
@@ -14,9 +15,9 @@ cannot be kept, they judge at the largest one below it that can be."""
 
 
 def kept_precision(reachable: Iterable[float], wanted: float | None) -> float | None:
-    """The precision that is kept for a wanted one: the largest reachable one up to it.
+    """The precision that is kept for a wanted one: the least reachable one from it on.
 
-    If all reachable precisions are higher, it is the least of them, which promises more than is
+    If all reachable precisions are lower, it is the largest of them, which promises less than is
     wanted. None if nothing is wanted or none is reachable. Raises InputError unless the wanted one
     is above 0 and at most 1.
     """
@@ -27,10 +28,10 @@ def kept_precision(reachable: Iterable[float], wanted: float | None) -> float | 
             f"target_precision={wanted:g}: expected a share above 0 and at most 1, such as 0.99"
         )
     ascending = sorted(reachable)
-    up_to_wanted = [precision for precision in ascending if precision <= wanted]
-    if up_to_wanted:
-        return up_to_wanted[-1]
-    return ascending[0] if ascending else None
+    from_wanted_on = [precision for precision in ascending if precision >= wanted]
+    if from_wanted_on:
+        return from_wanted_on[0]
+    return ascending[-1] if ascending else None
 
 
 def kept_words(
@@ -48,7 +49,7 @@ def kept_words(
         because = f" ({why})" if why else ""
         return f"{who} can keep no target precision: nothing is accepted{because}"
     if kept > wanted:
-        return f"{who} keeps {shown(kept)} at least: accepted means {shown(kept)}"
+        return f"{who} keeps {shown(kept)} for {shown(wanted)}: accepted means {shown(kept)}"
     return f"{who} can keep {shown(kept)}, not {shown(wanted)}: accepted means {shown(kept)}"
 
 

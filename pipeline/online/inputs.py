@@ -272,7 +272,11 @@ def parse_prior(key: str, text: str | None, sigma_key: str, sigma: str | None) -
         raise InputError(f"{key}={text:.60}: expected x,y or x,y,heading in metres and degrees")
     sigmas = [] if sigma is None else _numbers(sigma)
     if sigma is not None and not 1 <= len(sigmas) <= len(numbers) - 1:
-        form = "METRES,DEGREES or METRES" if len(numbers) == 3 else "METRES, as without a heading"
+        form = (
+            "METRES,DEGREES or METRES"
+            if len(numbers) == 3
+            else f"METRES, since {key} has no heading"
+        )
         raise InputError(f"{sigma_key}={sigma:.60}: expected {form}")
     x_m, y_m, *heading_deg = numbers
     names = ("sigma_m", "sigma_deg")

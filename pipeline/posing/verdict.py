@@ -172,7 +172,7 @@ class Verdict:
     def kept_precision(self, wanted: float | None, strict: bool = False) -> float | None:
         """The precision that `accepted` means if a precision is wanted; None accepts nothing.
 
-        It is the largest reachable one up to the wanted one (`core.precisions`). Raises InputError
+        It is the least reachable one from the wanted one on (`core.precisions`). Raises InputError
         for a wanted precision that is not a share; if `strict`, for each that is not reachable.
         """
         kept = kept_precision(self.reachable, wanted)

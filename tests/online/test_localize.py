@@ -102,7 +102,10 @@ def test_a_prior_is_searched_first_and_a_wrong_one_changes_no_answer(
         (("--prior=1,2,3,4",), "--prior=1,2,3,4: expected x,y or x,y,heading"),
         (("--prior=x,2",), "--prior=x,2: expected x,y or x,y,heading"),
         (("--prior=1,inf",), "not finite"),
-        (("--prior=1,2", "--prior-sigma=3,4"), "--prior-sigma=3,4: expected METRES, as without"),
+        (
+            ("--prior=1,2", "--prior-sigma=3,4"),
+            "--prior-sigma=3,4: expected METRES, since --prior has no heading",
+        ),
         (("--prior=1,2,3", "--prior-sigma=3,0"), "expected more than 0"),
         (("--prior-sigma=3",), "--prior-sigma=3: needs --prior"),
     ],

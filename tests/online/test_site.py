@@ -97,7 +97,7 @@ def test_asked_for_more_than_it_keeps_a_site_keeps_what_it_can(three: Site) -> N
     """The site file names its own target precisions, as those of earlier versions do: .99 is the
     most that it keeps."""
     points_m, _ = scan()
-    for wanted, kept in ((0.999, 0.99), (0.99, 0.99), (0.975, 0.95), (0.5, 0.95)):
+    for wanted, kept in ((0.999, 0.99), (0.99, 0.99), (0.975, 0.99), (0.5, 0.95)):
         for fix in (three.localize(points_m, wanted), Tracker(three, wanted).localize(points_m)):
             assert (fix.verdict, fix.target_precision) == ("accepted", kept)
     assert three.localize(np.zeros((0, 3)), 0.999).target_precision == 0.99  # no pose
