@@ -36,8 +36,8 @@ TargetPrecision = Annotated[
         metavar="P",
         parser=share_or_none,
         help="Accept only poses that are right with at least this probability, as calibrated on "
-        "validation blocks; none accepts no pose. If that cannot be kept, a line says so, and the "
-        "largest below it that can be is used",
+        "validation blocks; none accepts no pose. Without a threshold for it, a line says so, and "
+        "the next higher one is used, or else the highest",
     ),
 ]
 Strict = Annotated[

@@ -1,8 +1,8 @@
 """The precision that is kept for a wanted one, and the words that say so.
 
 A target precision is a share of right poses among the accepted ones. Validation blocks show which
-of them a site or a study can keep: it keeps the least of those that promises what is wanted, or, if
-more is wanted, the largest of them.
+of them a site or a study can keep: it keeps the least of those that is not below a wanted one, or,
+if more is wanted, the largest of them.
 """
 
 from collections.abc import Iterable
@@ -17,7 +17,7 @@ cannot be kept, they judge at the largest one below it that can be."""
 def kept_precision(reachable: Iterable[float], wanted: float | None) -> float | None:
     """The precision that is kept for a wanted one: the least reachable one from it on.
 
-    If all reachable precisions are lower, it is the largest of them, which promises less than is
+    If all reachable precisions are lower, it is the largest of them, which is less than is
     wanted. None if nothing is wanted or none is reachable. Raises InputError unless the wanted one
     is above 0 and at most 1.
     """

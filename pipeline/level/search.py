@@ -55,7 +55,8 @@ class Window:
     def cells(self, field: Field) -> tuple[int, int, int, int]:
         """The first row and column, and the last row and column, of the pyramid."""
         rows, cols = field.pyramid.levels.shape[1:]
-        margin, cell_m = field.pyramid.margin, field.cell_m
+        margin = field.pyramid.margin
+        cell_m = field.cell_m
         low, high = (
             np.floor(np.array([self.y_m + off_m, self.x_m + off_m]) / cell_m) + margin
             for off_m in (-self.reach_m, self.reach_m)

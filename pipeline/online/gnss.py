@@ -12,8 +12,8 @@ from pipeline.readers.bag_gnss import GnssTrack
 OLDEST_S = 2.0
 """A position that is older than this says nothing of a scan."""
 LEAST_SIGMA_M = 2.0
-"""The least standard deviation: receivers promise too much among walls, and where the antenna is on
-the robot is not known."""
+"""The least standard deviation: among walls receivers report too small a covariance, and where the
+antenna is on the robot is not known."""
 UNKNOWN_SIGMA_M = 10.0
 """The standard deviation of a position whose covariance is unknown."""
 

@@ -286,7 +286,8 @@ def _target_words(verdict: Verdict) -> str:
 
     The target precisions are ascending, so the reached ones come first.
     """
-    reached, tried = verdict.reachable, verdict.target_precisions
+    reached = verdict.reachable
+    tried = verdict.target_precisions
     words = f"target precisions {', '.join(map(shown, reached)) or 'none'}"
     if len(reached) < len(tried):
         words += f", not {', '.join(map(shown, tried[len(reached) :]))}"

@@ -41,7 +41,12 @@ from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import CLAIMS, AnyFix, Judge
 
-ROOTS = ("pipeline.methods.", "pipeline.views.", "pipeline.posing.", "pipeline.matching.")
+ROOTS = (
+    "pipeline.methods.",
+    "pipeline.views.",
+    "pipeline.posing.",
+    "pipeline.matching.correlation",
+)
 """A site file may name classes of these modules only."""
 LEVEL_SITE = ("pipeline.online.level_site", "LevelSite")
 """The module and class of a level site. It is a Site, so its module imports this one; it is
@@ -107,8 +112,8 @@ class Fix:
     place_novelty: float
     """One minus the probability that the robot is within 15 m of the pose (in a level site 5 m)."""
     target_precision: float | None
-    """The precision that `accepted` means for this fix: the wanted one, or the largest below it
-    that the site can keep; None if nothing is accepted."""
+    """The precision that `accepted` means for this fix: the wanted one, or what the site keeps
+    instead (`Site.kept_precision`); None if nothing is accepted."""
     accepted_at: float | None
     """The highest target precision at which this pose is accepted; None if there is none."""
     runners_up: tuple[RunnerUp, ...]
@@ -219,8 +224,9 @@ class Site:
     def kept_precision(self, target_precision: float | None, strict: bool = False) -> float | None:
         """The precision that is kept if this one is wanted; None accepts nothing.
 
-        It is the largest up to it that the site has a threshold for. Raises InputError for one that
-        is not a share; if `strict`, for each that the site has no threshold for.
+        It is the least from it on that the site has a threshold for; if there is none, the largest
+        below it. Raises InputError for a precision that is not a share; if `strict`, for each that
+        the site has no threshold for.
         """
         return self.description.verdict.kept_precision(target_precision, strict)
 
@@ -238,8 +244,8 @@ class Site:
         """Localise a scan's points (n, 3) in metres: x forward, y left, z up, ground at z = 0.
 
         Points that are not finite are dropped. The fix is accepted if it is right at
-        `target_precision` or, if the site cannot keep that, at the largest precision below it that
-        it can (`Fix.target_precision`); None accepts nothing. With a prior, the pose is sought
+        `target_precision` or, if the site has no threshold for it, at what the site keeps instead
+        (`kept_precision`); None accepts nothing. With a prior, the pose is sought
         within it first; see `find`. Raises InputError for points of another shape, for a target
         precision that is not a share and, if `strict`, for one that the site has no threshold for.
         """

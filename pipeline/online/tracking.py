@@ -49,9 +49,9 @@ class Tracker:
         is_tracking: bool = True,
         strict: bool = False,
     ) -> None:
-        """If the site cannot keep the target precision, fixes are accepted at the largest below it
-        that it can; None accepts nothing. Raises InputError for one that is not a share and, if
-        `strict`, for one that the site has no threshold for."""
+        """Fixes are accepted at what the site keeps of the target precision, see
+        `Site.kept_precision`; None accepts nothing. Raises InputError for a target precision that
+        is not a share and, if `strict`, for one that the site has no threshold for."""
         self.site = site
         self.is_tracking = is_tracking
         self._target_precision = site.kept_precision(target_precision, strict)

@@ -7,8 +7,8 @@ farther on as well as where it is. A crossing with equal corners looks the same 
 In: a query's walls and a pose. Out: the poses elsewhere at which the walls fit best, and the margin
 by which they fit better at the pose itself. `aliases` finds those near the pose: the walls are
 scored at all offsets on the charts (walls drawn from above) of the submaps around it, at the pose's
-heading, and on the nearest submap also at headings turned by TURNS_DEG. `everywhere` adds those at
-which the walls fit in the whole map.
+heading, and on the nearest submap also at headings turned by TURNS_DEG. `aliases_in_map` adds
+those at which the walls fit in the whole map.
 """
 
 from dataclasses import dataclass
@@ -118,7 +118,7 @@ def aliases(
     return Aliases(margin, tuple(ranked))
 
 
-def everywhere(
+def aliases_in_map(
     slid: Slid,
     targets: Targets,
     world_T_query: NDArray[np.float64],

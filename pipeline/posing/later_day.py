@@ -1,4 +1,4 @@
-"""Learns when to accept a pose anew, from a later day with known poses (METHODS 9.5).
+"""Learns again when to accept a pose, from a later day with known poses (METHODS 9.5).
 
 In: the thresholds that a site has, and the fixes of a day that the site did not learn. Out: new
 thresholds. The models of the site's judge stay.

@@ -27,7 +27,7 @@ from pipeline.core.frames import yaw
 from pipeline.core.settings import Count, NotNegative, Share, checked
 from pipeline.mapping.wall_chart import Chart
 from pipeline.matching.ranking import Ranking
-from pipeline.posing.aliases import MOST_ALIASES, Aliases, aliases, everywhere
+from pipeline.posing.aliases import MOST_ALIASES, Aliases, aliases, aliases_in_map
 from pipeline.posing.expectations import Expectations
 from pipeline.posing.fix import Hypothesis, ScanFix, is_same_pose
 from pipeline.posing.prior import Prior
@@ -358,9 +358,12 @@ class _Search:
 
     def _guesses(self, answers: Answers, rows: slice) -> Iterator[Guess]:
         """For each of some answers, the nearest submap and the guessed pose (4, 4) in its frame."""
-        xy_m, heading_deg = answers.xy_m[rows], answers.heading_deg[rows]
-        reach_m = self.fixer.walls.offset_m
-        yield from self.targets.guesses(xy_m, heading_deg, self.left_out, reach_m)
+        yield from self.targets.guesses(
+            answers.xy_m[rows],
+            answers.heading_deg[rows],
+            self.left_out,
+            self.fixer.walls.offset_m,
+        )
 
     def _round(
         self, rows: Sequence[int], least_overlap: Callable[[], float]
@@ -462,7 +465,9 @@ class _Search:
         if self.slid is None:
             return near
         least_margin = self.fixer.least_margin
-        return everywhere(self.slid, self.targets, world_T_query, self.left_out, near, least_margin)
+        return aliases_in_map(
+            self.slid, self.targets, world_T_query, self.left_out, near, least_margin
+        )
 
     def _agreement(self, row: int, world_T_query: NDArray[np.float64]) -> Agreement:
         """The agreement of the query, at a pose, with a submap."""

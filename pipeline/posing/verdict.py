@@ -172,7 +172,7 @@ class Verdict:
     def kept_precision(self, wanted: float | None, strict: bool = False) -> float | None:
         """The precision that `accepted` means if a precision is wanted; None accepts nothing.
 
-        It is the least reachable one from the wanted one on (`core.precisions`). Raises InputError
+        It is the least reachable one from the wanted one on, or else the largest. Raises InputError
         for a wanted precision that is not a share; if `strict`, for each that is not reachable.
         """
         kept = kept_precision(self.reachable, wanted)
@@ -351,7 +351,7 @@ def usual_thresholds(measured: Mapping[float, float]) -> tuple[float, ...]:
     """The threshold of each of TARGET_PRECISIONS, from those of the measured target precisions.
 
     A target precision that was not measured has the threshold of the least measured one above it,
-    which promises more; if there is none, it accepts nothing.
+    which is stricter; if there is none, it accepts nothing.
     """
     thresholds = []
     for target_precision in TARGET_PRECISIONS:

@@ -1,4 +1,4 @@
-"""`yearloc calibrate` of a site that learned a drive: a later day teaches thresholds anew."""
+"""`yearloc calibrate` of a site that learned a drive: a later day teaches thresholds again."""
 
 import shutil
 from functools import partial

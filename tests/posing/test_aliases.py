@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.core.frames import yaw
-from pipeline.posing.aliases import FAR_M, WIDEST_MARGIN, aliases, everywhere
+from pipeline.posing.aliases import FAR_M, WIDEST_MARGIN, aliases, aliases_in_map
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
 from pipeline.posing.walls import Walls
@@ -263,7 +263,7 @@ def test_an_alias_at_the_other_end_of_the_map_takes_the_margin_of_a_pose(tmp_pat
         walls, whole_map = Walls(), WholeMap()
         near = aliases(walls, targets, walls.middles(walls.of(query_m)), planar(2, 0, 0), none)
         slid = Slid(whole_map, targets.wall_map(whole_map, none), whole_map.scan(query_m, True))
-        result = everywhere(slid, targets, planar(2, 0, 0), none, near, least_margin=0.1)
+        result = aliases_in_map(slid, targets, planar(2, 0, 0), none, near, least_margin=0.1)
         beyond = result.ranked[len(near.ranked) :]
         return result.margin, [
             float((targets.world_T_anchor[alias.row] @ alias.target_T_query)[0, 3])

@@ -1,4 +1,4 @@
-"""Tests of thresholds that a later day teaches anew: what it has blocks for, and what stays."""
+"""Tests of thresholds that a later day teaches again: what it has blocks for, and what stays."""
 
 from dataclasses import replace
 

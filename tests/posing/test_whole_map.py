@@ -85,5 +85,5 @@ def test_the_map_of_walls_in_a_site_is_the_one_that_its_submaps_draw(tmp_path: P
     again = of_site.wall_map(WholeMap(), NONE)
     assert (again.counts == drawn.counts).all()
     assert (again.is_candidate == drawn.is_candidate).all()
-    # Without some rows it is drawn anew.
+    # Without some rows it is drawn again.
     assert not of_site.wall_map(WholeMap(), np.arange(5) < 2).counts.any()
